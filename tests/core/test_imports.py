@@ -1,6 +1,4 @@
-"""What importing costs: names are there at once, what computes them comes when they are used; and
-examples in docstrings run.
-"""
+"""Imports: public names, packages without slow dependencies, and examples of docstrings."""
 
 import doctest
 import inspect
@@ -20,9 +18,9 @@ HEAVY |= {"nibabel", "nilearn"}
 FRONTS = [
     "abfm",
     *(
-        f"abfm.{room.name}"
-        for room in pkgutil.iter_modules(abfm.__path__)
-        if room.ispkg and room.name not in ("numerics", "workers")
+        f"abfm.{package.name}"
+        for package in pkgutil.iter_modules(abfm.__path__)
+        if package.ispkg and package.name not in ("numerics", "workers")
     ),
 ]
 
@@ -54,7 +52,7 @@ CODES = [
 ]
 _PUBLIC_NAMES = f"""
 import importlib, inspect, json, os
-# what others wrote and takes long is loaded once
+# slow dependencies are imported once
 import numba, scipy.sparse.linalg, scipy.spatial, trimesh
 
 for code in {CODES}:
@@ -69,14 +67,16 @@ for code in {CODES}:
 """
 
 
-def test_public_names_are_no_modules_whatever_is_imported_first():
-    """Some have the name of the file that they are in; the rooms themselves are packages."""
-    told = [json.loads(line) for line in python(_PUBLIC_NAMES, check=True).stdout.splitlines()]
-    assert [(code, front) for code, front, _ in told] == list(product(CODES, FRONTS))
-    for code, name, names in told:
+def test_public_names_are_not_modules():
+    """Names equal to the names of their modules are not replaced in any order of imports."""
+    lines = [json.loads(line) for line in python(_PUBLIC_NAMES, check=True).stdout.splitlines()]
+    assert [(code, front) for code, front, _ in lines] == list(product(CODES, FRONTS))
+    for code, name, names in lines:
         front = import_module(name)
-        rooms = {room.name for room in pkgutil.iter_modules(front.__path__) if room.ispkg}
-        assert names == [public for public in front.__all__ if public not in rooms], code
+        packages = {
+            package.name for package in pkgutil.iter_modules(front.__path__) if package.ispkg
+        }
+        assert names == [public for public in front.__all__ if public not in packages], code
 
 
 PUBLIC_NAMES = [
@@ -131,12 +131,13 @@ PUBLIC_PACKAGES = [
 ]
 
 
-def test_public_names_are_those_of_the_list():
+def test_public_names_equal_the_list():
     assert sorted(abfm.__all__) == sorted(PUBLIC_NAMES)
     assert sorted(dir(abfm)) == sorted(PUBLIC_NAMES + PUBLIC_PACKAGES)
 
 
-def test_every_public_name_is_listed_and_others_are_refused():
+def test_unknown_names_are_refused():
+    """Every public name exists, and other names raise an error."""
     assert set(abfm.__all__) <= set(dir(abfm))
     for name in abfm.__all__:
         found = getattr(abfm, name)
@@ -148,7 +149,7 @@ def test_every_public_name_is_listed_and_others_are_refused():
         exec("from abfm import macth")
 
 
-def test_importing_all_names_takes_those_of_no_other_modules():
+def test_star_import_does_not_replace_modules():
     code = (
         "import io; from abfm import *; print(io.StringIO('text').read(), match is not None, "
         "'flow' in globals())"
@@ -160,7 +161,7 @@ def test_importing_all_names_takes_those_of_no_other_modules():
     "name",
     ["abfm.flow.flow", "abfm.io.bids_names", "abfm.matching.match", "abfm.matching.problem"],
 )
-def test_examples_show_what_they_say(name):
+def test_examples_of_docstrings_run(name):
     found = doctest.testmod(import_module(name))
     assert found.attempted > 0
     assert found.failed == 0

@@ -1,4 +1,4 @@
-"""Rows for tests: small, and ones that end the process in which they are solved."""
+"""Rows for tests: quick rows, and rows that kill the process that solves them."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ BRIEF = {"refine": 0, "iterations": 4, "levels": 1, "cooling-stages": 2}
 
 
 def pair(name="pair", source=0, target=9, **more):
-    """A match of two Gaussians on the figure eight, with few iterations."""
+    """Return a match of two Gaussians on the figure eight, with few iterations."""
     functions = {
         "source": f"gaussian:vertex={source},width=0.3",
         "target": f"gaussian:vertex={target},width=0.3",
@@ -25,7 +25,7 @@ def pair(name="pair", source=0, target=9, **more):
 
 
 def results(folder):
-    """The files of results in a folder by name."""
+    """Return the contents of result files in a folder, by name."""
     return {path.name: path.read_bytes() for path in folder.glob("*.npz")}
 
 
@@ -46,14 +46,14 @@ class Warned(Quick):
 
 
 class Deadly(Row):
-    """A row that kills who solves it."""
+    """A row that kills every process that solves it."""
 
     def task(self):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
 class Mortal(Row):
-    """A row that kills who solves it first, which it knows by a file."""
+    """A row that kills the first process that solves it; a folder records the first attempt."""
 
     def task(self):
         if not os.path.exists(self.folder):

@@ -1,4 +1,4 @@
-"""Rows on Dask: the same files whoever solves them, and what happens when somebody is gone."""
+"""Rows on Dask: equal result files for any choice of workers, and lost connections."""
 
 import gc
 import json
@@ -24,7 +24,7 @@ ROWS = [pair(target=target) for target in (9, 12, 15, 18)]
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """The results of one process."""
+    """Return the results of a run with one process."""
     folder = tmp_path_factory.mktemp("alone")
     run(ROWS, folder, ONE)
     return results(folder)
@@ -32,13 +32,14 @@ def alone(tmp_path_factory):
 
 @pytest.fixture
 def elsewhere():
-    """A cluster whose only worker is a thread of this process."""
+    """Yield a cluster whose only worker is a thread of this process."""
     options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
     with LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster:
         yield cluster
 
 
-def test_two_processes_find_the_same_files_and_survive_a_deadly_row(alone, tmp_path, capfd):
+def test_two_processes_give_equal_files(alone, tmp_path, capfd):
+    """Two processes write the files of one process, although one row kills its process."""
     deadly = Deadly("deadly", pair(target=30).options)
     lost, before = pair("lost", mesh="nowhere.off"), children()
     rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
@@ -54,13 +55,12 @@ def test_two_processes_find_the_same_files_and_survive_a_deadly_row(alone, tmp_p
 
 
 @pytest.mark.parametrize("is_seen", [True, False])
-def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
-    is_seen, alone, elsewhere, tmp_path, monkeypatch
-):
+def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_path, monkeypatch):
+    """A cluster writes to an accessible folder, and otherwise sends results back."""
     (tmp_path / "scheduler.json").write_text(json.dumps(elsewhere.scheduler.identity()))
     cluster = Cluster(scheduler_file=tmp_path / "scheduler.json")
-    if not is_seen:
-        # the folder, and then the files of rows
+    if not is_accessible:
+        # first the folder is inaccessible, then also the files of rows
         monkeypatch.setattr("abfm.batch.attempt.Ledger.is_accessible", lambda *_: False)
         monkeypatch.setattr("abfm.batch.attempt.all", lambda _: False, raising=False)
     entries = run([*ROWS, pair("lost", mesh="nowhere.off")], tmp_path / "out", cluster)
@@ -69,7 +69,8 @@ def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
     assert results(tmp_path / "out") == alone
 
 
-def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, monkeypatch):
+def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatch):
+    """A lost connection is replaced in the next run."""
     made, usual = [], dask_connection._client
     monkeypatch.setattr(
         dask_connection, "_client", lambda *given: made.append(usual(*given)) or made[-1]
@@ -80,13 +81,14 @@ def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, 
             assert [entry.state for entry in entries] == ["done"] * len(rows)
         assert results(tmp_path) == alone
         assert len(made) == 1
-        made[0].close()  # as when it loses the scheduler
+        made[0].close()  # as if the connection to the scheduler was lost
         (entry,) = workers.run([pair("one more", 4, 11)], tmp_path)
         assert entry.state == "done"
     assert [client.status for client in made] == ["closed", "closed"]
 
 
-def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):
+def test_lost_scheduler_reports_unfinished_rows(elsewhere, tmp_path, capfd):
+    """The error has the number of unfinished rows, and nothing is printed."""
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     with raises(ConnectionLostError, 3):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
@@ -94,7 +96,7 @@ def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, ca
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_run_elsewhere_that_is_cancelled_keeps_what_is_done(elsewhere, tmp_path):
+def test_cancelled_cluster_run_keeps_finished_rows(elsewhere, tmp_path):
     control = abfm.workers.Control()
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     many = [pair(target=target) for target in range(20, 60)]
@@ -106,20 +108,22 @@ def test_a_run_elsewhere_that_is_cancelled_keeps_what_is_done(elsewhere, tmp_pat
     assert states[-1] == "missing"
 
 
-def test_no_scheduler_is_told(tmp_path):
+def test_missing_scheduler_is_refused(tmp_path):
+    """A missing file, an invalid address and another service raise ResultError."""
     with raises(ResultError):
         run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
     with raises(ResultError, "scheduler", "nonsense"):
         run(ROWS, tmp_path, Cluster(scheduler="nonsense://1"))
     clients = [each for each in gc.get_objects() if type(each) is Client]
-    assert {each.status for each in clients} <= {"closed"}  # else Dask may wait for its own lock
-    # what answers is none
+    assert {each.status for each in clients} <= {"closed"}  # otherwise Dask may deadlock
+    # another service answers
     refuse = Mock(side_effect=MemoryError("out of memory"))
     with raises(ResultError, "tcp://1"):
         dask_connection._client(refuse, "tcp://1", abfm.workers.Control())
 
 
-def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
+def test_connecting_can_be_cancelled(tmp_path, monkeypatch):
+    """A connection that opens after the cancellation is closed."""
     control, waited, closed = abfm.workers.Control(), threading.Event(), threading.Event()
 
     def connect(*given, **named):
@@ -131,17 +135,17 @@ def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
     entries = run(ROWS, tmp_path, Cluster(scheduler="tcp://1"), control=control)
     assert [entry.state for entry in entries] == ["missing"] * len(ROWS)
     waited.set()
-    assert closed.wait(10)  # who comes late is sent away
+    assert closed.wait(10)  # the late connection is closed
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", "nonsense", '{"address": 5}', '{"address": ""}'])
-def test_a_scheduler_file_without_an_address_is_told_at_once(text, tmp_path):
+def test_scheduler_file_without_address_is_refused(text, tmp_path):
     (tmp_path / "scheduler.json").write_text(text)
     with raises(ResultError, "scheduler.json"):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
-def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
+def test_unreadable_scheduler_file_is_refused(tmp_path, monkeypatch):
     (tmp_path / "scheduler.json").touch()
     refuse = Mock(side_effect=PermissionError(13, "Permission denied"))
     monkeypatch.setattr(dask_connection, "read_bytes", refuse)
@@ -149,14 +153,15 @@ def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
-def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
+def test_waiting_for_workers_is_reported(alone, tmp_path, monkeypatch):
+    """A cluster without workers reports a step until workers connect."""
     monkeypatch.setattr(dask_connection, "_COUNT_SECONDS", 0.2)
-    told = []
+    steps = []
 
     def note(step):
-        if threading.current_thread() is threading.main_thread():  # others are workers
-            told.append(step and step.task)
-            if told[-1] == NO_WORKERS:
+        if threading.current_thread() is threading.main_thread():  # other threads are workers
+            steps.append(step and step.task)
+            if steps[-1] == NO_WORKERS:
                 cluster.scale(1)
 
     options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
@@ -165,17 +170,17 @@ def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
         reporting_steps(note),
     ):
         run(ROWS, tmp_path, Cluster(scheduler=cluster.scheduler_address))
-    assert told == [CONNECTING, None, NO_WORKERS, None]
+    assert steps == [CONNECTING, None, NO_WORKERS, None]
     assert results(tmp_path) == alone
 
 
-def test_a_cluster_with_another_abfm_is_refused(elsewhere, tmp_path, monkeypatch):
+def test_cluster_with_another_version_is_refused(elsewhere, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_connection, "installed_version", lambda: "9.9")
     with raises(ResultError, "scheduler", version("abfm"), "9.9"):
         run(ROWS, tmp_path, Cluster(scheduler=elsewhere.scheduler_address))
 
 
-def test_a_cluster_without_abfm_is_refused():
+def test_cluster_without_abfm_is_refused():
     none = PackageNotFoundError("abfm")
     with raises(ResultError):
         dask_connection._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
@@ -188,7 +193,7 @@ def test_a_cluster_without_abfm_is_refused():
     dask_connection._check_alike(client)
 
 
-def test_a_cluster_needs_dask(tmp_path, monkeypatch):
+def test_missing_dask_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_connection, "find_spec", lambda name: None)
     with raises(AbfmError, "abfm[cluster]"):
         run(ROWS, tmp_path, Cluster(scheduler="tcp://1"))

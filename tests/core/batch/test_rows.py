@@ -1,4 +1,4 @@
-"""Rows: what they are named by, which files they are made of, and what is refused."""
+"""Rows: keys, the files that they consist of, and invalid options."""
 
 import os
 import pickle
@@ -20,7 +20,7 @@ COUNT = len(EIGHT.vertices)
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with a mesh, values, a map of vertices and a mask."""
+    """Return a folder with a mesh, values, a vertex map and a mask."""
     place = tmp_path / "one"
     place.mkdir()
     shutil.copy(asset_path("eight.off"), place / "m.off")
@@ -40,10 +40,11 @@ OPTIONS = {
 }
 
 
-PLAIN = {"mesh": "m.off", "source": "curvature:mean", "target": "curvature:mean"}
+MATCH = {"mesh": "m.off", "source": "curvature:mean", "target": "curvature:mean"}
 
 
-def test_a_match_is_named_by_its_problem_as_it_would_be_in_the_tables_folder(folder, monkeypatch):
+def test_digest_of_a_match_is_that_of_its_problem(folder, monkeypatch):
+    """The digest equals that of the problem in Python, in any working folder."""
     row = Row("one", OPTIONS, folder)
     monkeypatch.chdir(folder)
     channel = 'file:"g, h.npy"', "curvature:mean"
@@ -64,11 +65,12 @@ def test_a_match_is_named_by_its_problem_as_it_would_be_in_the_tables_folder(fol
     assert alone.digest == abfm.Problem(EIGHT, f, g, abfm.Parameters.of(alpha=0.1, **brief)).digest
 
 
-def test_the_bound_of_distortion_is_part_of_the_name():
+def test_digest_depends_on_max_distortion():
     assert len({pair().digest, *(pair(**{"max-distortion": n}).digest for n in (1, 2))}) == 3
 
 
-def test_a_key_is_of_contents_and_values_and_not_of_places(folder, tmp_path):
+def test_key_depends_on_contents_and_values_only(folder, tmp_path):
+    """Paths and times of files do not change the key; contents and values do."""
     row = Row("one", OPTIONS, folder)
     other = tmp_path / "other"
     shutil.copytree(folder, other)
@@ -86,7 +88,8 @@ def test_a_key_is_of_contents_and_values_and_not_of_places(folder, tmp_path):
     assert Row("one", OPTIONS, other).key == row.key
 
 
-def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder, tmp_path):
+def test_relocated_row_has_the_same_digest(folder, tmp_path):
+    """A row lists its files, and relocated files give the same problem."""
     row = Row("one", OPTIONS, folder)
     names = {"m.off", "f.npy", "g, h.npy", "mask.npy", "map.txt"}
     assert {*row.files()} == {str(folder / name) for name in names}
@@ -101,7 +104,8 @@ def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder,
         row.task()
 
 
-def test_files_beside_a_file_belong_to_it(tmp_path):
+def test_companion_files_change_the_key(tmp_path):
+    """Buffers of a glTF file and the vts file of a symmetry are files of the row."""
     (tmp_path / "m.gltf").write_text('{"buffers": [{"uri": "far%20away.bin"}, {"uri": "data:xx"}]}')
     (tmp_path / "far away.bin").write_bytes(b"1")
     (tmp_path / "t.vts").write_text("1\n")
@@ -115,13 +119,13 @@ def test_files_beside_a_file_belong_to_it(tmp_path):
     assert Row("r", row.options, tmp_path).key != before
 
 
-def test_row_is_of_the_kind_whose_columns_it_fills():
+def test_kind_follows_from_columns():
     assert kind_of({"mesh": "m.off", "a": "a.off"}).kind == "match"
     assert kind_of({"a": "a.off"}).kind == "registration"
     assert kind_of({"problem": "p.npz"}).kind == "problem"
 
 
-def test_words_of_initial_maps_keep_their_files(tmp_path):
+def test_files_of_initial_maps_are_listed(tmp_path):
     words = {
         "sphere:mirror,l.gii,r.gii": ["l.gii", "r.gii"],
         "file:map.vts": ["map.vts"],
@@ -137,7 +141,7 @@ def test_words_of_initial_maps_keep_their_files(tmp_path):
         assert row.values()["initial"].startswith(word.partition("l.gii")[0].partition("map")[0])
 
 
-def test_rows_are_small_and_the_same_in_another_process(folder):
+def test_pickled_row_is_small_and_equal(folder):
     row = Row("one", OPTIONS, folder)
     content = pickle.dumps(row)
     assert len(content) < 2000
@@ -146,7 +150,7 @@ def test_rows_are_small_and_the_same_in_another_process(folder):
     assert other.key == row.key
 
 
-def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_path):
+def test_problem_from_python_is_written_once(tmp_path):
     x, y, z = EIGHT.vertices.T
     problem = abfm.Problem(EIGHT, np.stack([x, y], 1), np.stack([y, z], 1), mask=np.abs(z))
     row = problem_row(problem, tmp_path, "xyz")
@@ -158,7 +162,7 @@ def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_pa
     assert problem_row(problem, tmp_path, max_distortion=1.5).digest != problem.digest
 
 
-def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkeypatch):
+def test_problem_row_in_a_relative_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     problem = abfm.Problem(EIGHT, "coordinate:x", "coordinate:y")
     for folder in ("results", "~/results"):
@@ -191,7 +195,7 @@ def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkey
         ({"mesh": "m.off", "max-distortion": "0"}, ("max-distortion",)),
         ({"a": "a.off", "b": "b.off", "initial": "closset"}, ("initial",)),
         ([("mesh", "m.off"), ("mesh", "n.off")], ("mesh",)),
-        (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, (50,)),
+        (MATCH | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, (50,)),
         ({"frames": "f.npy", "mesh": "m.off", "dt": 0}, ("dt", 0)),
         ({"frames": "f.npy", "mesh": "m.off", "gamma": -1}, ("gamma", 0)),
         ({"frames": "f.npy", "mesh": "m.off", "channel": "1 -1"}, ("channel", 0)),
@@ -199,6 +203,6 @@ def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkey
         ({"frames": "f.npy"}, ("mesh",)),
     ],
 )
-def test_what_does_not_fit_is_refused_with_its_column(options, named):
+def test_invalid_options_are_refused_with_column(options, named):
     with raises(ParameterError, *named):
         Row("r", options)

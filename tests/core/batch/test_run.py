@@ -1,4 +1,4 @@
-"""Rows are solved once, fail alone, and go on where they were ended."""
+"""Runs of batches: rows are solved once, fail independently, and resume after interruptions."""
 
 import json
 import sys
@@ -28,7 +28,7 @@ QUICK = Quick("quick", pair().options)
 
 
 def files(folder):
-    """What is in a folder, by the paths in it."""
+    """Return the contents of all files in a folder, by relative path."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -36,14 +36,14 @@ def files(folder):
     }
 
 
-def test_a_worker_with_another_abfm_solves_nothing(tmp_path):
+def test_worker_with_another_version_solves_nothing(tmp_path):
     ledger = Ledger(tmp_path)
     task = WorkItem(QUICK, str(ledger.folder), ledger.make(), version="0.0.9")
     check_message(attempt(task).record.reason, "0.0.9")
     assert not results(tmp_path)
 
 
-def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, monkeypatch):
+def test_worker_without_write_access_sends_its_result(tmp_path, monkeypatch):
     ledger = Ledger(tmp_path)
     task = WorkItem(QUICK, str(ledger.folder), ledger.make())
     with monkeypatch.context() as patched:
@@ -57,8 +57,8 @@ def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, mo
     assert results(tmp_path) == {f"{answer.record.digest}.npz": answer.result}
 
 
-def test_warnings_of_rows_are_kept_and_reported_once(tmp_path):
-    """The ledger has each row's; the run warns for the first row of those with the same one."""
+def test_equal_warnings_are_reported_once(tmp_path):
+    """The ledger stores the warning of each row; the run warns for the first row only."""
     rows = [Warned(f"row {number}", pair(source=number).options) for number in (1, 2)]
     with pytest.warns(AbfmWarning, match="row 1: no value") as caught:
         entries = run(rows, tmp_path, ONE)
@@ -67,18 +67,19 @@ def test_warnings_of_rows_are_kept_and_reported_once(tmp_path):
     assert [entry.record.warning for entry in Ledger(tmp_path).entries(rows)] == ["no value"] * 2
 
 
-def test_products_are_unknown_where_another_row_is_solved_in_the_same_process(tmp_path):
+def test_products_are_unknown_in_a_shared_process(tmp_path):
+    """The count is None if another row is solved in the same process at that time."""
     folders = [tmp_path / name for name in ("beside", "alone")]
-    beside, alone = (WorkItem(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
-    with counted_row_products():  # of that row
-        assert attempt(beside).record.row_products is None
+    shared, alone = (WorkItem(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
+    with counted_row_products():  # counts the products of the other row
+        assert attempt(shared).record.row_products is None
     assert attempt(alone).record.row_products == 0
 
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """Rows, the folder, and the entries and those told when they were solved."""
-    folder, told = tmp_path_factory.mktemp("done"), []
+    """Solve rows once; return rows, folder, entries, and the entries passed to ``on_change``."""
+    folder, changed = tmp_path_factory.mktemp("done"), []
     ball_file = folder / "ball.off"
     ball = icosphere(2)
     lines = [f"OFF\n{len(ball.vertices)} {len(ball.faces)} 0"]
@@ -102,12 +103,13 @@ def done(tmp_path_factory):
             folder,
         ),
     ]
-    entries = run(rows, folder / "out", ONE, on_change=told.append)
-    return rows, folder / "out", entries, told
+    entries = run(rows, folder / "out", ONE, on_change=changed.append)
+    return rows, folder / "out", entries, changed
 
 
-def test_rows_that_fail_are_told_and_stop_no_others(done):
-    rows, _, entries, told = done
+def test_failed_rows_do_not_stop_others(done):
+    """Each failure has its reason, and equal rows are solved once."""
+    rows, _, entries, changed = done
     assert [entry.row for entry in entries] == rows
     states = {entry.row.name: entry.state for entry in entries}
     failed = {"lost", "broken", "far"}
@@ -117,16 +119,15 @@ def test_rows_that_fail_are_told_and_stop_no_others(done):
     assert "broken.off" in reasons["broken"]
     check_message(reasons["far"], 100000)
     assert not any(reasons[name] for name in states.keys() - failed)
-    assert len(told) == len(rows) - 1  # equal ones are solved once
+    assert len(changed) == len(rows) - 1  # equal ones are solved once
     by_name = {entry.row.name: entry for entry in entries}
     assert by_name["again"].path == by_name["first"].path
     with raises(ResultError, "far"):
         by_name["far"].load()
 
 
-def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancelled_one(
-    tmp_path, monkeypatch
-):
+def test_processes_persist_between_runs(tmp_path, monkeypatch):
+    """A cancelled run replaces its processes."""
     made, module = [], sys.modules["abfm.workers.executor"]
     usual, control = module.Worker, abfm.workers.Control()
 
@@ -152,11 +153,12 @@ def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancel
             worker.call(print)
 
 
-def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp_path, monkeypatch):
+def test_process_is_replaced_after_an_error(tmp_path, monkeypatch):
+    """An error of ``on_change`` during a cancelled run also replaces the process."""
     made, control = [], abfm.workers.Control()
 
     class Here:
-        """A worker in this process, which says no more once it is closed."""
+        """A worker in this process, which does not answer after it is closed."""
 
         def __init__(self, *given):
             self.is_closed = False
@@ -186,7 +188,8 @@ def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp
     assert [each.is_closed for each in made] == [True, True]
 
 
-def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, tmp_path):
+def test_results_equal_direct_solutions(done, tmp_path):
+    """A result equals that of `abfm.match`, and its file is named by its problem."""
     by_name = {entry.row.name: entry for entry in done[2]}
     match = by_name["first"].load()
     assert by_name["first"].path.name == f"{match.problem.digest}.npz"
@@ -203,7 +206,7 @@ def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, t
     assert (facts.tone, facts.warnings) == (match.facts.tone, match.facts.warnings)
 
 
-def test_what_it_cost_is_known_beside_the_result(done):
+def test_cost_of_a_row_is_recorded(done):
     by_name = {entry.row.name: entry for entry in done[2]}
     match, cost = by_name["first"].load(), by_name["first"].record
     assert cost.evaluations > len(match.energy_history) - 1
@@ -223,7 +226,7 @@ def test_what_it_cost_is_known_beside_the_result(done):
     assert easy.seconds_to_goal > 0
 
 
-def test_a_registration_is_what_register_finds(done, tmp_path):
+def test_registration_row_equals_register(done, tmp_path):
     entry = next(entry for entry in done[2] if entry.row.name == "both")
     assert entry.digest == entry.row.key
     assert isinstance(entry.load(), abfm.Registration)
@@ -235,7 +238,8 @@ def test_a_registration_is_what_register_finds(done, tmp_path):
     assert entry.path.read_bytes() == (tmp_path / "alone.npz").read_bytes()
 
 
-def test_what_is_there_is_not_solved_again_and_what_is_missing_is(done, tmp_path):
+def test_only_missing_results_are_solved_again(done, tmp_path):
+    """A truncated file counts as missing."""
     _, folder, entries, _ = done
     good = [entry.row for entry in entries if entry.state == "done"]
     before = files(folder)
@@ -243,23 +247,24 @@ def test_what_is_there_is_not_solved_again_and_what_is_missing_is(done, tmp_path
     def refuse(entry):
         raise AssertionError(f"{entry.row.name} is solved again")
 
-    # nobody is asked: there is no such scheduler
+    # no connection is opened: there is no such scheduler
     again = run(good, folder, Cluster(scheduler="tcp://127.0.0.1:9"), on_change=refuse)
     assert again == [entry for entry in entries if entry.state == "done"]
     assert files(folder) == before
     lost = entries[3]
-    content, told = lost.path.read_bytes(), []
+    content, changed = lost.path.read_bytes(), []
     lost.path.unlink()
     assert Ledger(folder).entry(lost.row).state == "missing"
-    for left in (b"", content[:-300]):  # as a copy that was broken off has it
+    for left in (b"", content[:-300]):  # as after an interrupted copy
         lost.path.write_bytes(left)
         assert Ledger(folder).entry(lost.row).state == "missing"
-    run(good, folder, ONE, on_change=lambda entry: told.append(entry.row.name))
-    assert told == ["second"]
+    run(good, folder, ONE, on_change=lambda entry: changed.append(entry.row.name))
+    assert changed == ["second"]
     assert lost.path.read_bytes() == content
 
 
-def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
+def test_damaged_record_keeps_the_result(done):
+    """A row with a damaged record is missing until the next run finds its result."""
     _, folder, entries, _ = done
     ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
     record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
@@ -269,7 +274,7 @@ def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
         check_message(ledger.entry(row).reason, "ledger")
     (entry,) = run([row], folder, ONE)
     assert (entry.state, entry.path) == ("done", path)
-    assert path.stat().st_mtime_ns == result  # it was there, and was not solved again
+    assert path.stat().st_mtime_ns == result  # the result existed and was not solved again
 
 
 @pytest.mark.parametrize(
@@ -288,7 +293,7 @@ def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
     ],
 )
 def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
-    """A record that no run writes counts as none, and names no file elsewhere."""
+    """Records that no run writes are ignored, and cannot refer to other files."""
     row, ledger = done[0][0], Ledger(tmp_path)
     ledger.make()
     place = ledger.records_folder / f"{row.key}.json"
@@ -370,7 +375,8 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
     assert "sub-01" in reported
 
 
-def test_rows_are_kept_for_who_asks_later(done):
+def test_stored_rows_are_read(done):
+    """A damaged or missing list of rows raises ResultError."""
     rows, folder, _, _ = done
     ledger = Ledger(folder)
     ledger.write_rows(rows, "a title")
@@ -383,14 +389,14 @@ def test_rows_are_kept_for_who_asks_later(done):
         Ledger(folder / "nothing").read_rows()
 
 
-def test_who_kills_its_process_is_tried_again_and_others_go_on(tmp_path):
+def test_row_is_retried_after_its_process_died(tmp_path):
     mortal = Mortal("mortal", pair(target=20).options, tmp_path / "tried")
     entries = run([mortal, pair(target=12)], tmp_path / "out", ONE)
     assert [(entry.state, entry.record.tries) for entry in entries] == [("done", 2), ("done", 1)]
     assert not list((tmp_path / "out").rglob(".abfm-*"))
 
 
-def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
+def test_row_is_attempted_at_most_three_times(tmp_path, monkeypatch):
     tried = []
 
     def call(worker, function, call):
@@ -403,14 +409,15 @@ def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
     assert [(entry.reason, entry.record.tries) for entry in entries] == [(ENDED_MESSAGE, 3)] * 2
 
 
-def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
+def test_cancelled_run_keeps_finished_rows(tmp_path):
+    """Incomplete files of killed processes are removed."""
     control = abfm.workers.Control()
     rows = [pair(target=target) for target in (9, 12, 15)]
     with temporary_file(tmp_path, ".json") as temporary:
         abandoned = tmp_path / "ledger" / temporary.name
 
     def cancel(entry):
-        abandoned.touch()  # as a process that is killed while it writes leaves it
+        abandoned.touch()  # as if a process was killed while writing
         control.cancel()
 
     entries = run(rows, tmp_path, ONE, control=control, on_change=cancel)
@@ -420,7 +427,8 @@ def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
     assert len(results(tmp_path)) == 1
 
 
-def test_who_sees_no_folder_sends_the_result_and_who_sees_no_files_asks_for_them(done, tmp_path):
+def test_worker_sends_results_and_requests_files(done, tmp_path):
+    """Without access to the folder a worker sends the result; without files it requests them."""
     _, folder, entries, _ = done
     entry = next(entry for entry in entries if entry.row.name == "own")
     unseen = WorkItem(entry.row, str(folder), "another one")
@@ -428,10 +436,10 @@ def test_who_sees_no_folder_sends_the_result_and_who_sees_no_files_asks_for_them
     assert answer.record.digest == entry.digest
     assert answer.result == entry.path.read_bytes()
     paths = [folder.parent / name for name in ("ball.off", "z.npy")]
-    whole, moved = with_contents(unseen), [path.rename(tmp_path / path.name) for path in paths]
+    with_files, moved = with_contents(unseen), [path.rename(tmp_path / path.name) for path in paths]
     try:
         assert attempt(unseen).needs_contents
-        sent = attempt(whole)
+        sent = attempt(with_files)
     finally:
         for path, before in zip(moved, paths, strict=True):
             path.rename(before)
@@ -441,7 +449,7 @@ def test_who_sees_no_folder_sends_the_result_and_who_sees_no_files_asks_for_them
     assert (sent.record.digest, sent.result) == (both.digest, both.path.read_bytes())
 
 
-def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
+def test_exception_of_a_row_is_its_reason(monkeypatch, tmp_path):
     def fail(row):
         raise KeyError("two\nlines")
 
@@ -450,7 +458,7 @@ def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
     assert record.reason == "KeyError: 'two\\nlines'"
 
 
-def test_a_cluster_is_one_thing():
+def test_cluster_needs_one_valid_choice():
     with raises(ParameterError):
         Cluster(jobs=2, scheduler="tcp://1.2.3.4:5")
     for jobs in (0, -1, 2.5, 10_000):
@@ -459,7 +467,7 @@ def test_a_cluster_is_one_thing():
     assert Cluster().processes >= 1
 
 
-def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
+def test_unwritable_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with raises(ResultError):
         run([pair()], tmp_path / "file" / "out")

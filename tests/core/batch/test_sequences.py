@@ -1,4 +1,4 @@
-"""Rows that are films."""
+"""Rows whose task is a sequence of frames."""
 
 from pathlib import Path
 
@@ -34,19 +34,20 @@ def folder(tmp_path):
     return tmp_path
 
 
-def film(folder, **more):
+def sequence_row(folder, **more):
     given = {"mesh": asset_path("eight.off"), "frames": "f.npy", "dt": 0.5, "sigma": 0.5}
-    return Row("film", given | more, folder)
+    return Row("sequence", given | more, folder)
 
 
-def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
-    row, control, whole, ledger = (
-        film(folder),
+def test_killed_row_resumes_to_equal_bytes(folder):
+    """A cancelled row keeps a checkpoint, which is removed after the result is written."""
+    row, control, uninterrupted, ledger = (
+        sequence_row(folder),
         Control(),
         Ledger(folder / "a"),
         Ledger(folder / "b"),
     )
-    attempt(WorkItem(row, str(whole.folder), whole.make()))
+    attempt(WorkItem(row, str(uninterrupted.folder), uninterrupted.make()))
     task = WorkItem(row, str(ledger.folder), ledger.make())
 
     def stop(now):
@@ -55,20 +56,23 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
 
     with reporting_steps(stop), controlled(control), pytest.raises(CancelledError):
         attempt(task)
-    [kept] = ledger.folder.glob("*.unfinished")
-    content = kept.read_bytes()
+    [unfinished] = ledger.folder.glob("*.unfinished")
+    content = unfinished.read_bytes()
     assert not ledger.result_path(row.key).exists()
     attempt(task)
-    assert ledger.result_path(row.key).read_bytes() == whole.result_path(row.key).read_bytes()
-    assert not kept.exists()
-    kept.write_bytes(content)  # as when it was killed just before it was removed
+    assert (
+        ledger.result_path(row.key).read_bytes() == uninterrupted.result_path(row.key).read_bytes()
+    )
+    assert not unfinished.exists()
+    unfinished.write_bytes(content)  # as if the process was killed before it removed the checkpoint
     attempt(task)
-    assert not kept.exists()
+    assert not unfinished.exists()
 
 
-def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
+def test_row_cancelled_while_reading_is_missing(folder):
+    """A row cancelled before it is solved has the state "missing", not "failed"."""
     np.save(folder / "f.npy", np.where(np.arange(FRAMES.shape[1]) < 9, np.nan, FRAMES))
-    row, control, ledger = film(folder), Control(), Ledger(folder / "out")
+    row, control, ledger = sequence_row(folder), Control(), Ledger(folder / "out")
 
     def stop(now):
         if now is not None and now.task == "filling in missing values":
@@ -79,9 +83,9 @@ def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
     assert ledger.entry(row).state == "missing"
 
 
-def test_a_film_is_solved_as_by_hand(folder):
+def test_row_equals_sequence_in_python(folder):
     np.save(folder / "f.npy", np.stack([FRAMES, FRAMES[::-1]], axis=2))
-    [entry] = run([film(folder, weights="1, 0", gamma=2)], folder / "out", ONE)
+    [entry] = run([sequence_row(folder, weights="1, 0", gamma=2)], folder / "out", ONE)
     found = entry.load()
     np.testing.assert_array_equal(found[0].weights, [1, 0])
     assert found.confirmed == 2
@@ -91,11 +95,12 @@ def test_a_film_is_solved_as_by_hand(folder):
     assert entry.facts == by_hand.facts
 
 
-def test_files_of_a_series_belong_to_it_and_are_sent(folder):
+def test_files_of_a_pvd_series_are_sent(folder):
+    """Files named in a series change the key, and workers receive their contents."""
     found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
     export_pvd(folder / "s.pvd", found)
     options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame", "sigma": 0.5}
-    row = Row("film", options, folder)
+    row = Row("sequence", options, folder)
     parts = [Path(name) for name in row.files() if name.endswith(".vtu")]
     assert len(parts) == 3
     task = WorkItem(row, str(folder / "nowhere"), "somewhere else")
@@ -106,11 +111,12 @@ def test_files_of_a_series_belong_to_it_and_are_sent(folder):
     content = bytearray(parts[0].read_bytes())
     content[-30] ^= 1
     parts[0].write_bytes(content)
-    assert Row("film", options, folder).key != row.key
+    assert Row("sequence", options, folder).key != row.key
 
 
-def test_files_that_change_meanwhile_are_told(folder):
-    row = film(folder)
+def test_changed_file_fails_the_row(folder):
+    """A row fails if one of its files changes after the key was computed."""
+    row = sequence_row(folder)
     assert row.key
     np.save(folder / "f.npy", FRAMES[:1].repeat(3, axis=0))
     [entry] = run([row], folder / "out", ONE)

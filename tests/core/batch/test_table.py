@@ -1,4 +1,4 @@
-"""Tables: what is written is read, and what does not fit is refused with row and column."""
+"""Tables: round trips of written tables, and errors with row and column."""
 
 import csv
 import io
@@ -35,7 +35,7 @@ OPTIONS = st.fixed_dictionaries(
 
 
 def written(columns, rows, delimiter=",", end="\r\n"):
-    """A table as spreadsheets write it."""
+    """Return the text of a table as spreadsheets write it."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, delimiter=delimiter, lineterminator=end)
     writer.writerow(columns)
@@ -49,7 +49,8 @@ def written(columns, rows, delimiter=",", end="\r\n"):
     st.sampled_from(",;\t"),
     st.sampled_from(["\n", "\r\n"]),
 )
-def test_what_is_written_is_read(options, columns, delimiter, end):
+def test_written_tables_are_read(options, columns, delimiter, end):
+    """Column order, separators and line ends do not change the rows."""
     cells = [[each.get(column, "") for column in columns] for each in options]
     names = [each.get("name", f"row {number}") for number, each in enumerate(options, 1)]
     assume(len({*names}) == len(names))
@@ -68,12 +69,14 @@ def test_what_is_written_is_read(options, columns, delimiter, end):
 @example("mesh,source,target\nm.off,curvature:mean,curvature:mean,1")
 @example("\0")
 @example("name\n\n\n1,2")
-def test_any_text_is_a_table_or_refused_in_a_line(text):
-    with suppress(AbfmError):  # whose text is always one line
+def test_any_text_is_read_or_refused(text):
+    """Any text is a table or raises an AbfmError."""
+    with suppress(AbfmError):  # its message is always one line
         assert rows_of_text(text, "/")
 
 
-def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_repeat(tmp_path):
+def test_column_names_may_be_options_or_python_names(tmp_path):
+    """The column of a repeated option may occur several times."""
     head = "\ufeffName,--mesh,Cooling_Stages,channel,channel,max-distortion"
     channels = "curvature:mean coordinate:x 1,coordinate:x curvature:mean .5"
     path = tmp_path / "t.csv"
@@ -126,7 +129,7 @@ def test_decimal_commas_are_numbers():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused_with_row_and_column(text, named, tmp_path):
+def test_invalid_cells_are_refused_with_row_and_column(text, named, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(text)
     with pytest.raises(ParameterError) as error:
@@ -136,7 +139,7 @@ def test_what_does_not_fit_is_refused_with_row_and_column(text, named, tmp_path)
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\0mesh"])
-def test_what_is_no_text_is_refused(content, tmp_path):
+def test_binary_or_missing_table_is_refused(content, tmp_path):
     path = tmp_path / "table.csv"
     if content is not None:
         path.write_bytes(content)
@@ -144,7 +147,8 @@ def test_what_is_no_text_is_refused(content, tmp_path):
         read_table(path)
 
 
-def test_combinations_are_all_there_are_once_the_last_option_first():
+def test_combinations_are_complete_and_ordered():
+    """Each combination occurs once, and the last option varies fastest."""
     fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "tau": 2}
     over = {"alpha": [0.1, 0.2], "sigma": ["auto", 0.5, 1], "order": [1, 2]}
     rows = combinations(fixed.items(), over, "/x")
@@ -160,7 +164,8 @@ def test_combinations_are_all_there_are_once_the_last_option_first():
     assert rows[1].name == "alpha 0.1, sigma auto, order 2"
 
 
-def test_an_option_is_given_or_varied():
+def test_fixed_option_cannot_be_varied():
+    """Empty lists of values and too many combinations are also refused."""
     fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "alpha": 1}
     with raises(ParameterError, "alpha"):
         combinations(fixed.items(), {"alpha": [1]})
@@ -170,7 +175,7 @@ def test_an_option_is_given_or_varied():
         combinations(fixed.items(), {"sigma": range(2000), "beta": range(2000)})
 
 
-def test_the_home_of_no_user_is_a_name_like_any_other(tmp_path):
+def test_tilde_of_unknown_user_is_a_plain_name(tmp_path):
     (tmp_path / "t.csv").write_text(
         "mesh,source,target\n~no-user/m.off,file:~no-user/f.csv,file:g\n"
     )

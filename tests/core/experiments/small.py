@@ -1,4 +1,4 @@
-"""The paper's figures, small; on their own meshes each runs once in a process."""
+"""Small versions of the paper's figures; each default figure runs once in a process."""
 
 import math
 from functools import cache
@@ -8,7 +8,7 @@ from abfm.maps.quality import DISTANCE_MAX, FOLDED_SHARE_MAX, RMS_DISTANCE_MAX
 
 
 def quiet(text, share):
-    """A report that nobody reads, but for its promises."""
+    """Check the arguments of a progress report."""
     assert text
     assert 0 <= share <= 1
 
@@ -18,12 +18,12 @@ def stated(figure, mesh=None):
 
 
 def run(figure, mesh=None):
-    """What a figure is about and what it finds, all of it finite."""
+    """Return the example and the findings of a figure, with finite measures."""
     setup = FigureSetup(mesh, small=True, report=quiet)
-    whole = script(figure, setup)
-    example = example_of(whole)
-    matches = setup.match(next(whole)) if example.flow is None else ()
-    findings = findings_of(whole, matches)
+    figure_script = script(figure, setup)
+    example = example_of(figure_script)
+    matches = setup.match(next(figure_script)) if example.flow is None else ()
+    findings = findings_of(figure_script, matches)
     assert all(math.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
     return example, findings
 
@@ -32,20 +32,20 @@ ran = cache(run)
 
 
 def values(findings):
-    """Measured numbers by their names."""
+    """Return measured numbers by name."""
     return {measure.name: measure.value for measure in findings.measures}
 
 
 def value(findings, *words):
-    """The one number with all these words in its name."""
+    """Return the only number whose name contains all of these words."""
     [found] = [x for name, x in values(findings).items() if all(word in name for word in words)]
     return found
 
 
 def assert_maps_are_measured(findings):
-    """Each map of a figure has its distances and folds, and a note if these are too large."""
-    measured, which = values(findings), ": off_surface, largest"
-    names = [name.split(which)[0] for name in measured if which in name]
+    """Check that each map has distances, folds, and a note if these exceed their bounds."""
+    measured, suffix = values(findings), ": off_surface, largest"
+    names = [name.split(suffix)[0] for name in measured if suffix in name]
     assert names
     for name in names:
         largest, rms = (
@@ -55,5 +55,7 @@ def assert_maps_are_measured(findings):
         assert 0 <= rms <= largest
         assert 0 <= folded <= 100
         faulty = largest > DISTANCE_MAX or rms > RMS_DISTANCE_MAX or folded > 100 * FOLDED_SHARE_MAX
-        told = any(f"{mark} {name} (" in note for note in findings.sheet.notes for mark in ":;")
-        assert told == faulty
+        is_noted = any(
+            f"{separator} {name} (" in note for note in findings.sheet.notes for separator in ":;"
+        )
+        assert is_noted == faulty

@@ -1,4 +1,4 @@
-"""Smooth fields on any mesh, and figures 2, 4, 5 and 6: what their flows carry."""
+"""Smooth fields on any mesh, and figures 2, 4, 5 and 6: advection by given fields."""
 
 import re
 
@@ -36,7 +36,8 @@ ANY = pytest.mark.parametrize(
 
 
 @pytest.mark.parametrize("mesh", [ellipsoid(2, 1, 0.7, 0.5), torus(24, 12), open_cylinder(20, 10)])
-def test_a_stream_field_has_the_speed_no_divergence_and_stays_within_the_boundary(mesh):
+def test_stream_field_is_divergence_free_and_tangent(mesh):
+    """The field also has the requested RMS speed."""
     field = stream_field(mesh, MODES, 0.3)
     assert root_mean_square(mesh, field) == pytest.approx(0.3 * mesh.length_scale)
     coefficients = np.einsum("fx,fkx->fk", field, op.face_frames(mesh))
@@ -46,7 +47,7 @@ def test_a_stream_field_has_the_speed_no_divergence_and_stays_within_the_boundar
     assert np.abs(field[faces, 2]).max(initial=0) < 1e-9
 
 
-def test_flow_lines_are_the_level_lines_of_the_stream_function():
+def test_flow_lines_are_level_lines_of_stream_function():
     mesh = ellipsoid(2, 1, 0.7, 0.5)
     stream = eigenbasis(mesh.normalized(), 4)[1][:, [2, 3]] @ [1.0, -0.5]
     places = departure_points(mesh, stream_field(mesh, MODES, 0.3), np.array([0.3, 1.0]))
@@ -54,7 +55,8 @@ def test_flow_lines_are_the_level_lines_of_the_stream_function():
     assert_allclose(advected_values(mesh, places, stream), np.stack([stream, stream]), atol=1e-9)
 
 
-def test_meshes_are_closed_and_even_and_one_with_nothing_inside_its_boundary_has_no_flow():
+def test_meshes_of_figures_are_valid():
+    """A mesh without interior vertices has no tangent divergence-free field."""
     body, eight = five_limbs(500), loop_subdivided("eight.off", 1)
     assert (len(body.vertices), body.genus, body.is_closed) == (500, 0, True)
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
@@ -66,7 +68,7 @@ def test_meshes_are_closed_and_even_and_one_with_nothing_inside_its_boundary_has
 
 
 class TestFigure2:
-    def test_differences_grow_with_time_and_fall_under_refinement(self):
+    def test_differences_grow_in_time_and_converge(self):
         found = values(ran(2)[1])
         quarter, half, whole = (x for name, x in found.items() if name.startswith("advected"))
         assert 0 < quarter < half < whole < 0.3
@@ -76,7 +78,8 @@ class TestFigure2:
         coarse, fine = (value for name, value in found.items() if "exact solution" in name)
         assert fine < coarse / 2.5
 
-    def test_without_motion_there_is_no_difference_and_other_meshes_may_have_a_boundary(self):
+    def test_zero_field_has_no_difference(self):
+        """Another mesh may have a boundary."""
         mesh = torus(12, 8)
         flow = Flow(mesh, np.zeros((len(mesh.faces), 3)))
         still = differences(flow, function(mesh, "coordinate:x"), np.array([0.5, 1.0]))
@@ -89,23 +92,23 @@ class TestFigure2:
 
 
 class TestFigure4:
-    """Linear steps oscillate in the end, the exponential does not."""
+    """Linear steps oscillate for long times, the exponential does not."""
 
-    def test_linear_steps_overshoot_and_more_of_them_come_closer_to_the_flow(self):
+    def test_linear_steps_overshoot_and_converge(self):
         found = values(ran(4)[1])
         over = {name: x for name, x in found.items() if "t = tau: overshoot over the range" in name}
         one, linear, smooth = (
-            over[f"{way}, t = tau: overshoot over the range of f"]
-            for way in ("linear, one step", "linear", "nonlinear")
+            over[f"{method}, t = tau: overshoot over the range of f"]
+            for method in ("linear, one step", "linear", "nonlinear")
         )
         assert min(one, linear) > 5 * smooth
         one, some, many = (
-            found[f"{way}, t = tau: difference from flow lines, relative L2"]
-            for way in ("linear, one step", "linear", "linear, 4 times the steps")
+            found[f"{method}, t = tau: difference from flow lines, relative L2"]
+            for method in ("linear, one step", "linear", "linear, 4 times the steps")
         )
         assert one > some > many
 
-    def test_linear_steps_are_those_of_the_library(self):
+    def test_linear_steps_equal_linearised_flow(self):
         example, findings = run(4, ellipsoid(2, 1, 0.7, 0.5))
         flow, steps, f = example.flow, steps_taken(findings), example.problem.source[:, 0]
         mesh, velocity = flow.mesh, np.repeat(flow.velocity, steps, axis=0)
@@ -113,27 +116,27 @@ class TestFigure4:
         panels = [panel for row in findings.sheet.rows for panel in row]
         [shown] = [panel.paint for panel in panels if panel.label == "linear, t = τ"]
         assert_allclose(shown.values, np.clip(last, f.min(), f.max()), atol=1e-9)
-        walked = advected_values(
+        by_lines = advected_values(
             mesh, departure_points(mesh, flow.velocity[0], np.array([flow.tau])), f
         )[0]
         difference, overshoot, excess = (
             x for name, x in values(findings).items() if name.startswith("linear, t = tau: ")
         )
-        off = op.l2_norm(mesh, last - walked) / op.l2_norm(mesh, walked)
+        off = op.l2_norm(mesh, last - by_lines) / op.l2_norm(mesh, by_lines)
         assert difference == pytest.approx(off, rel=1e-6)
-        beyond = max(last.max() - f.max(), f.min() - last.min()) / (f.max() - f.min())
-        assert overshoot == pytest.approx(beyond, rel=1e-6)
-        assert excess == pytest.approx(variation(mesh, last) / variation(mesh, walked) - 1, 1e-6)
+        overshoot_of_last = max(last.max() - f.max(), f.min() - last.min()) / (f.max() - f.min())
+        assert overshoot == pytest.approx(overshoot_of_last, rel=1e-6)
+        assert excess == pytest.approx(variation(mesh, last) / variation(mesh, by_lines) - 1, 1e-6)
 
-    def test_one_step_errs_by_the_square_of_the_time(self):
+    def test_error_of_one_step_is_quadratic_in_time(self):
         mesh = ellipsoid(2, 1, 0.7, 0.5)
         field, f = stream_field(mesh, {2: 1.0, 3: 1.0}, 0.3), function(mesh, "eigenfunction:5")
         slope = vf.directional_derivative(mesh, vf.to_frame(mesh, field)) @ f
         errors = [np.abs(f - t * slope - advect(mesh, field, f, t)).max() for t in (0.02, 0.01)]
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
-    def test_there_are_as_many_linear_steps_as_the_fastest_oscillation_allows(self):
-        """A step h lets frequency w grow by ``sqrt(1 + (h w)^2)``, all of them by a million."""
+    def test_number_of_steps_bounds_oscillations(self):
+        """A step h amplifies frequency w by ``sqrt(1 + (h w)^2)``, all steps by a million."""
         mesh = ellipsoid(3, 1, 0.7, 0.5)
         uneven = TriangleMesh(mesh.vertices * (0.02 + mesh.vertices[:, :1] ** 2) ** 0.5, mesh.faces)
         example, findings = run(4, uneven)
@@ -142,7 +145,7 @@ class TestFigure4:
         )
         exact = np.abs(np.linalg.eigvals(derivative.toarray())).max()
         steps = steps_taken(findings)
-        assert steps > 40  # and not as few as there can be, one between any two of the times
+        assert steps > 40  # more than the minimum of one step between two times
         assert np.sqrt(2 * np.log(1e6) * steps) == pytest.approx(example.flow.tau * exact, rel=0.1)
 
 
@@ -152,7 +155,7 @@ def steps_taken(findings):
 
 
 def variation(mesh, f):
-    """Integral of the slope of a function: from each face's plane over that of two of its edges."""
+    """Return the integral of the gradient's norm, with the gradient of each face from two edges."""
     corners, heights = mesh.vertices[mesh.faces], f[mesh.faces]
     edges, rises = corners[:, 1:] - corners[:, :1], heights[:, 1:] - heights[:, :1]
     pairs = zip(edges, rises, strict=True)
@@ -162,10 +165,10 @@ def variation(mesh, f):
 
 
 class TestFigure5:
-    """The smoothest commuting field, against known answers and on any mesh."""
+    """The smoothest commuting field, compared with exact solutions and on any mesh."""
 
     @pytest.mark.parametrize("name", ["surface of revolution", "torus"])
-    def test_the_known_answer_comes_out(self, name):
+    def test_result_agrees_with_exact_solution(self, name):
         own = ran(5)[1]
         [error] = [m for m in own.measures if name in m.name and "L2 error against" in m.name]
         assert error.value < 0.1
@@ -175,8 +178,8 @@ class TestFigure5:
         assert value(own, name, "bracket norm relative") < 0.15 * value(own, name, "median")
         assert value(own, name, "exchanged") < 0.02
 
-    def test_the_exact_answer_on_the_surface_of_revolution_is_an_eigenfunctions_gradient(self):
-        """Eigenvalue and slopes in one dimension are those of a Laplacian on the mesh."""
+    def test_exact_solution_is_gradient_of_eigenfunction(self):
+        """On the surface of revolution, the 1D eigenvalue and slopes equal those of the mesh."""
         eigenvalue_errors, field_errors = [], []
         for case in figure_05.known_cases((1, 2))[0]:
             mesh = case.mesh
@@ -192,7 +195,7 @@ class TestFigure5:
         assert last_order(field_errors) > 0.8
         assert field_errors[-1] < 0.1
 
-    def test_the_exact_answer_on_the_torus_is_harmonic(self):
+    def test_exact_solution_on_the_torus_is_harmonic(self):
         errors = [
             norm(c.mesh, c.u - vf.helmholtz_hodge(c.mesh, c.u)[2]) / norm(c.mesh, c.u)
             for c in figure_05.known_cases((1, 2))[1]
@@ -201,7 +204,7 @@ class TestFigure5:
         assert last_order(errors) > 0.9
 
     @ANY
-    def test_any_mesh_has_a_field_that_stirs_it_and_one_that_commutes(self, mesh):
+    def test_any_mesh_has_commuting_fields(self, mesh):
         example, findings = run(5, mesh)
         [v] = example.flow.velocity
         coefficients = np.einsum("fx,fkx->fk", v, op.face_frames(mesh)).ravel()
@@ -212,7 +215,7 @@ class TestFigure5:
         assert [panel.frame for panel in row] == ["field", "result"]
         assert all(isinstance(panel.paint, Streaks) for panel in row)
 
-    def test_setups_open_in_the_app_and_a_mesh_without_room_for_a_field_is_refused(self):
+    def test_example_is_valid_and_a_triangle_is_refused(self):
         example, _ = ran(5)
         problem = example.problem
         assert example.flow.velocity.shape == (1, len(problem.mesh.faces), 3)
@@ -226,12 +229,12 @@ class TestFigure5:
 
 
 class TestFigure6:
-    """Carried fields against turned ones, and what holds on any mesh."""
+    """Pushed fields, compared with exact solutions, and identities on any mesh."""
 
     names = ("sphere", "torus, about the axis", "torus, around the tube")
 
     @pytest.mark.parametrize("name", names)
-    def test_carried_fields_converge_to_the_exact_ones(self, name):
+    def test_pushed_fields_converge_to_exact_fields(self, name):
         _, own = ran(6)
         found = [m for m in own.measures if name in m.name]
         assert min(m.value for m in found if "order" in m.name) > 0.75
@@ -240,14 +243,14 @@ class TestFigure6:
         assert short < shown < 0.4
         assert all(m.reproduces for m in found if "transports" in m.claim)
 
-    def test_the_printed_sign_carries_the_other_way(self):
+    def test_printed_sign_pushes_backwards(self):
         printed = [m for m in ran(6)[1].measures if "printed sign" in m.name]
         assert len(printed) == 6
         assert all(m.reproduces is False and m.value > 0.5 for m in printed)
 
     @pytest.mark.parametrize("index", range(3), ids=names)
-    def test_exact_answers_solve_the_equation_of_the_pushforward(self, index):
-        """``d/dt u = -[v, u]``, and a full turn leads back; on the torus in the angles."""
+    def test_exact_fields_solve_the_pushforward_equation(self, index):
+        """``d/dt u = -[v, u]`` holds, and the exact fields are periodic."""
         levels = figure_06.known_cases((1, 2))[index]
         case = levels[0]
         assert_array_equal(case.exact(0.0), case.u)
@@ -261,7 +264,8 @@ class TestFigure6:
         assert errors[1] < min(0.6 * errors[0], 0.3)
 
     @ANY
-    def test_on_any_mesh_carried_fields_derive_carried_functions(self, mesh):
+    def test_pushed_fields_differentiate_advected_functions(self, mesh):
+        """The identity holds on any mesh."""
         example, findings = run(6, mesh)
         for t in ("0.125", "0.25"):
             ours, printed = (

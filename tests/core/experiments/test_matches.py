@@ -1,4 +1,4 @@
-"""Figures 1, 3, 7 and 8: functions matched, and what the figures share."""
+"""Figures 1, 3, 7 and 8: matches, and the shared parts of all figures."""
 
 import json
 import math
@@ -27,7 +27,8 @@ class TestFigures1And3:
     def own(self, request):
         return ran(request.param)
 
-    def test_the_source_has_the_targets_mass_at_the_other_end_of_the_surface(self, own):
+    def test_source_and_target_have_equal_mass(self, own):
+        """The target is at the other end of the surface."""
         problem = own[0].problem
         f, g = problem.source[:, 0], problem.target[:, 0]
         areas = vertex_areas(problem.mesh)
@@ -35,12 +36,12 @@ class TestFigures1And3:
         distances = geodesic_distance(problem.mesh, [int(f.argmax())])
         assert distances[g.argmax()] > 0.8 * distances.max()
 
-    def test_most_of_the_way_is_gone_and_values_move_while_the_blend_fades(self, own):
+    def test_values_move_while_the_blend_fades(self, own):
         example, findings = own
-        assert measured(findings, "mismatch at tau") < 0.2  # coarse, and not until the end
-        ways = ("advection", "optimal transport", "linear blend")
-        high = [measured(findings, f"{way}: largest value shown") for way in ways]
-        spread = [measured(findings, f"{way}: spread of the mass") for way in ways]
+        assert measured(findings, "mismatch at tau") < 0.2  # coarse mesh and few iterations
+        methods = ("advection", "optimal transport", "linear blend")
+        high = [measured(findings, f"{way}: largest value shown") for way in methods]
+        spread = [measured(findings, f"{way}: spread of the mass") for way in methods]
         assert min(high[:2]) > high[2]
         assert max(spread[:2]) < spread[2]
         assert high[0] > 0.8
@@ -50,28 +51,29 @@ class TestFigures1And3:
         last = "drift of the mass at tau" + (", with the last" if cooled else "")
         assert measured(findings, "largest drift of the mass") > measured(findings, last)
 
-    def test_measures_say_of_themselves_whether_they_keep_bounds_and_claims(self, own):
+    def test_measures_have_bounds_and_claims(self, own):
         entries = [measure.to_dict() for measure in own[1].measures]
         assert json.loads(json.dumps(entries)) == entries
         mismatch = entries[0]
         assert mismatch["bound"] == 0.05
         assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
 
-    def test_the_sheet_has_the_paper_s_frames_and_the_same_times_for_every_way(self, own):
+    def test_sheet_has_the_frames_of_the_paper(self, own):
+        """All methods are shown at the same times."""
         example, findings = own
-        first, *ways = findings.sheet.rows
+        first, *methods = findings.sheet.rows
         assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
         assert isinstance(first[2].paint, Streaks)
         np.testing.assert_array_equal(first[0].paint.values, example.problem.source[:, 0])
         np.testing.assert_array_equal(first[1].paint.values, example.problem.target[:, 0])
-        assert [len(row) for row in ways] == [5, 5, 5]
-        assert len({tuple(panel.label.split(",")[1] for panel in row) for row in ways}) == 1
+        assert [len(row) for row in methods] == [5, 5, 5]
+        assert len({tuple(panel.label.split(",")[1] for panel in row) for row in methods}) == 1
 
     @pytest.mark.parametrize(
         "mesh", [torus(24, 12), tetrahedron(), ellipsoid(3, 2.0, 1.0, 0.7), open_cylinder(16, 12)]
     )
     @pytest.mark.parametrize("figure", [1, 3])
-    def test_other_meshes_do(self, figure, mesh):
+    def test_other_meshes_are_matched(self, figure, mesh):
         example, findings = run(figure, mesh)
         f, g = example.problem.source[:, 0], example.problem.target[:, 0]
         areas = vertex_areas(mesh)
@@ -85,12 +87,12 @@ def measured(findings, name):
 
 
 class TestFigure7:
-    """The match is close, and the numbers for a path's smoothness mean what they say."""
+    """The match is close, and measures of smoothness have known values for simple paths."""
 
     mesh = torus(12, 8)
     x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
 
-    def test_matches_by_a_smooth_path(self):
+    def test_match_follows_a_smooth_path(self):
         mismatch, by_flow_lines, _, folded, length, step, turn, rise = values(ran(7)[1]).values()
         assert mismatch < 0.1
         assert mismatch < by_flow_lines < 1
@@ -100,21 +102,23 @@ class TestFigure7:
         assert turn < 0.5
         assert rise < 1.5
 
-    def test_a_straight_path_is_as_smooth_as_can_be_and_a_kink_shows(self):
+    def test_smoothness_of_straight_and_bent_paths(self):
         path = np.array([self.x + t * (self.y - self.x) for t in np.linspace(0, 1, 6)])
         length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
         assert (length, step, rise) == pytest.approx((1, 1, 1))
         assert turn < 1e-12
-        path = np.array([1, 2, 3, 2, 1])[:, None] * self.x  # turns round: a change of two steps
+        path = (
+            np.array([1, 2, 3, 2, 1])[:, None] * self.x
+        )  # reverses its direction: a change of two steps
         turn = smoothness(self.mesh, path, self.x)[2]
         assert turn.value == pytest.approx(2)
         assert not turn.reproduces
 
-    def test_values_spread_alike_whatever_their_places_and_give_the_target_its_sign(self):
+    def test_spread_gap_is_invariant_and_selects_the_sign(self):
         mesh = ellipsoid(2, 1, 1, 1)
         x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
         assert spread_gap(mesh, x, y) < 0.01
-        # ties may sort otherwise
+        # the order of equal values may change
         assert spread_gap(mesh, x, x + 0.5) == pytest.approx(0.5, rel=1e-3)
         mesh = ellipsoid(3, 1, 0.8, 0.6)
         problem = stated(7, mesh).problem
@@ -124,18 +128,20 @@ class TestFigure7:
 
 
 class TestFigure8:
-    def test_the_field_that_made_the_target_is_found_though_it_is_not_told(self):
-        along, share, seen, whole, largest, mismatch, *witnesses = values(ran(8)[1]).values()
+    def test_match_recovers_the_hidden_field(self):
+        along, share, rate_error, whole, largest, mismatch, *verification = values(
+            ran(8)[1]
+        ).values()
         assert along < 0.1
         assert 0.1 < share < 1
-        assert seen < min(0.1, whole)
+        assert rate_error < min(0.1, whole)
         assert max(largest, mismatch) < 0.02
-        assert max(witnesses) < 0.1  # by flow lines, on the subdivided mesh; folded faces
+        assert max(verification) < 0.1  # by flow lines, on the subdivided mesh; folded faces
         example = stated(8, torus(24, 12))
         assert np.abs(example.problem.target - example.problem.source).max() > 0.3
         assert example.flow is None
 
-    def test_motion_along_level_lines_is_not_seen(self):
+    def test_motion_along_level_lines_changes_nothing(self):
         mesh = torus(24, 12)
         f = mesh.vertices[:, 2]
         slope = to_ambient(mesh, (gradient(mesh) @ f).reshape(-1, 2))
@@ -145,17 +151,17 @@ class TestFigure8:
 
 
 @pytest.mark.parametrize("figure", [4, 7, 8])
-def test_on_another_mesh_with_a_boundary(figure):
+def test_figures_on_a_mesh_with_boundary(figure):
     assert run(figure, open_cylinder(24, 12))[1].measures
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_cannot_be_measured_is_said(value):
+def test_measure_that_is_not_finite_is_refused(value):
     with raises(MeshError, "length, m", value):
         Measure("length, m", value)
 
 
-def test_fine_meshes_have_fewer_iterations_within_limits():
+def test_fine_meshes_have_fewer_iterations():
     counts = [affordable_iterations(icosphere(level), 300) for level in (2, 5, 6)]
     assert counts[0] == 300
     assert 60 < counts[1] < 300
@@ -168,23 +174,28 @@ SPHERE = icosphere(2)
 @pytest.fixture(scope="module")
 def found():
     x, y, _ = SPHERE.vertices.T
-    return match(SPHERE, x, y, Parameters.of(iterations=3))
+    return match(SPHERE, x, y, Parameters.verification(iterations=3))
 
 
-def test_numbers_are_those_of_the_verification_and_what_overflows_is_told(found, monkeypatch):
-    of = found.verify()
+def test_measures_equal_the_verification(found, monkeypatch):
+    """An overflow on the subdivided mesh is reported."""
+    verification = found.verify()
     measures, label, note = verification_measures(found)
-    assert [measure.value for measure in measures] == [of.flow_lines, of.subdivided, of.folded]
-    assert f"{of.flow_lines:.2g} by flow lines" in label
+    assert [measure.value for measure in measures] == [
+        verification.flow_lines,
+        verification.subdivided,
+        verification.folded,
+    ]
+    assert f"{verification.flow_lines:.2g} by flow lines" in label
     assert note == ""
-    of = replace(of, subdivided=np.inf)
-    monkeypatch.setattr(Match, "verify", lambda self: of)
+    verification = replace(verification, subdivided=np.inf)
+    monkeypatch.setattr(Match, "verify", lambda self: verification)
     measures, _, note = verification_measures(found)
-    assert [measure.value for measure in measures] == [of.flow_lines, of.folded]
+    assert [measure.value for measure in measures] == [verification.flow_lines, verification.folded]
     assert "overflows" in note
 
 
-def test_fields_that_cannot_be_followed_end_no_experiment(found, monkeypatch):
+def test_failed_verification_is_noted(found, monkeypatch):
     def refuse(self):
         raise ParameterError("too fast")
 
@@ -195,7 +206,7 @@ def test_fields_that_cannot_be_followed_end_no_experiment(found, monkeypatch):
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_field_that_does_nothing_leaves_what_there_was(found, share):
+def test_zero_field_preserves_the_residual(found, share):
     target = found.source * (1 + share)
     problem = Problem(SPHERE, found.source, target, found.parameters)
     still = replace(found, problem=problem, fine_velocity=0 * found.velocity)

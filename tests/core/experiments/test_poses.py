@@ -1,4 +1,4 @@
-"""Figures 11 to 13, small: maps between two poses, improved by flows."""
+"""Small versions of figures 11 to 13: maps between two poses, improved by flows."""
 
 import json
 
@@ -24,25 +24,25 @@ SMALL = FigureSetup(small=True)
 
 
 def compared(poses, problem):
-    """All methods, with the matches that are waited for, if there are any."""
+    """Return the comparison of all methods; solve the requested matches, if there are any."""
     script = maps.compare(poses, problem, SMALL)
     return findings_of(script, SMALL.match(next(script)))
 
 
 @pytest.fixture(scope="module")
 def poses():
-    """The bundled humans."""
+    """Return the bundled humans."""
     return maps.Poses.of(SMALL)
 
 
 @pytest.fixture(scope="module")
 def comparison(poses):
-    """What figures 12 and 13 have found."""
+    """Return the comparison of figures 12 and 13."""
     return compared(poses, ran(12)[0].problem)
 
 
 @pytest.mark.parametrize("figure", [11, 12, 13])
-def test_own_mesh(figure):
+def test_default_meshes(figure):
     example, found = ran(figure)
     json.dumps([measure.to_dict() for measure in found.measures])
     assert_maps_are_measured(found)
@@ -51,7 +51,7 @@ def test_own_mesh(figure):
     assert problem.source.shape == problem.target.shape == shape
 
 
-def test_matching_comes_nearer_the_targets(comparison):
+def test_matching_reduces_the_mismatch(comparison):
     problem = ran(12)[0].problem
     mesh, error = problem.mesh, problem.source - problem.target
     assert l2_norm(mesh, comparison.three.advected - problem.target) < l2_norm(mesh, error)
@@ -61,7 +61,7 @@ def test_matching_comes_nearer_the_targets(comparison):
     assert comparison.reduced.mismatch < comparison.reduced.start_mismatch
 
 
-def test_targets_are_smoother_than_the_start():
+def test_targets_are_smoother_than_sources():
     problem = ran(11)[0].problem
     stiffness = cotangent_laplacian(problem.mesh)
     functions = problem.source, problem.target
@@ -69,7 +69,8 @@ def test_targets_are_smoother_than_the_start():
     assert (target < 0.8 * source).all()
 
 
-def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_stay(poses):
+def test_exact_coordinates_give_the_identity(poses):
+    """A zero flow leaves the initial map unchanged."""
     still = maps.with_flow_lines(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
     found = maps.closest_points(poses, maps.coordinates(poses.a))
@@ -79,7 +80,8 @@ def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_
     assert_allclose(found.distances, 0, atol=1e-9)
 
 
-def test_coordinates_have_no_unit_and_cut_off_they_are_their_own_projection():
+def test_truncated_coordinates_are_projections():
+    """Coordinates do not depend on unit and position."""
     mesh = ellipsoid(3, 1, 1.2, 2)
     moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
     assert_allclose(maps.coordinates(moved), maps.coordinates(mesh), atol=1e-12)
@@ -89,7 +91,7 @@ def test_coordinates_have_no_unit_and_cut_off_they_are_their_own_projection():
     assert_allclose(spectral_coefficients(mesh, cut, 30)[20:], 0, atol=1e-9)
 
 
-def test_with_both_cut_off_a_true_start_has_much_less_to_correct():
+def test_truncated_true_map_has_a_small_mismatch():
     poses = maps.Poses.of(FigureSetup())
     target = poses.example(TABLE_1[12], [0, 1, 2], False).problem.target
     truth = PointMap.of_vertices(poses.b, poses.a)
@@ -98,18 +100,18 @@ def test_with_both_cut_off_a_true_start_has_much_less_to_correct():
     assert left < 0.4 * whole
 
 
-def test_what_needs_no_flow_is_read_off_the_targets_and_the_start(poses):
+def test_maps_without_flow_use_targets_and_start(poses):
     target = ran(13)[0].problem.target
     read = maps.maps_without_flow(poses, target)
     assert_array_equal(read[maps.TARGETS].positions, maps.closest_points(poses, target).positions)
     assert read[maps.START] is poses.start
     errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
-    assert errors[maps.START] > 0.01  # wrong enough to correct
+    assert errors[maps.START] > 0.01  # large enough to improve
     assert errors[maps.ZOOM_OUT] < 0.7 * errors[maps.START]
     assert errors[maps.TARGETS + maps.CUT_SUFFIX] < errors[maps.TARGETS]
 
 
-def test_a_flow_that_stands_still_reads_as_no_flow(poses):
+def test_zero_flow_gives_the_maps_without_flow(poses):
     problem = ran(13)[0].problem
     parameters = problem.parameters.with_values(iterations=0)
     still = np.zeros((parameters.solver.segments, len(poses.b.faces), 3))
@@ -120,7 +122,8 @@ def test_a_flow_that_stands_still_reads_as_no_flow(poses):
     assert_allclose(read["still" + maps.BY_LINES].positions, poses.start.positions, atol=1e-9)
 
 
-def test_figure_13_says_what_the_flow_adds_and_draws_shares_that_only_rise(comparison):
+def test_figure_13_measures_the_effect_of_the_flow(comparison):
+    """Curves increase from 0 to at most 100%."""
     findings = ran(13)[1]
     measured = values(findings)
     targets = map_accuracy(comparison.maps[maps.TARGETS], most=1500).mean
@@ -137,7 +140,7 @@ def test_figure_13_says_what_the_flow_adds_and_draws_shares_that_only_rise(compa
         assert 0 <= curve.y.min() <= curve.y.max() <= 100
 
 
-def test_second_figure_has_the_first_ones_matches(poses):
+def test_figures_12_and_13_share_matches(poses):
     first, second = (stated(figure).problem for figure in (12, 13))
     assert compared(poses, first) is compared(maps.Poses.of(SMALL), second)
 
@@ -148,7 +151,7 @@ def test_other_meshes_are_bent(mesh):
         assert "bent" in run(figure, mesh)[1].setting
 
 
-def test_bending_keeps_lengths_along_the_middle():
+def test_bending_preserves_lengths():
     tube = open_cylinder(16, 40, radius=0.05)
     curved = maps.bend_mesh(tube)
     i, j = tube.edges.T
@@ -158,6 +161,6 @@ def test_bending_keeps_lengths_along_the_middle():
     assert np.ptp(curved.vertices[:, 2]) < np.ptp(tube.vertices[:, 2])
 
 
-def test_a_coarse_mesh_is_refused():
+def test_coarse_mesh_is_refused():
     with raises(MeshError, 60):
         stated(12, tetrahedron())

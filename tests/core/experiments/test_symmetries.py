@@ -1,4 +1,4 @@
-"""Figures 9 and 10: a rotation is reached by a flow, also over creases, a mirror is not."""
+"""Figures 9 and 10: a flow reaches a rotation, also across creases, but not a mirror."""
 
 import json
 
@@ -27,19 +27,20 @@ EGG = TriangleMesh(
 ERROR, CREASES = "map error at τ, mean, geodesic / √area", "angle of more than 45 degrees, share"
 
 
-def test_targets_are_the_sources_after_the_symmetry():
-    turned, human = ran(9)[0], bundled("human_A.off")
+def test_targets_are_symmetric_images_of_sources():
+    rotated, human = ran(9)[0], bundled("human_A.off")
     mirrored = SymmetryScene(human, "", detect_rotation_or_mirror(human)).example(Parameters())
-    for example in (turned, mirrored):
+    for example in (rotated, mirrored):
         mesh = example.problem.mesh
         for channel, (_, target) in enumerate(example.specs):
             assert_array_equal(example.problem.target[:, channel], function(mesh, target))
-    x = turned.problem.mesh.vertices / turned.problem.mesh.length_scale
-    f = turned.problem.source
+    x = rotated.problem.mesh.vertices / rotated.problem.mesh.length_scale
+    f = rotated.problem.source
     assert_allclose(f - f.mean(axis=0), x - x.mean(axis=0), atol=1e-5)
 
 
-def test_the_flow_reaches_the_rotation_and_comes_back_and_the_others_do_worse():
+def test_flow_reaches_the_rotation():
+    """One function, no cooling and mirrors have larger errors."""
     findings = ran(9)[1]
     found = values(findings)
     assert found[ERROR] < 0.02
@@ -58,7 +59,7 @@ def test_the_flow_reaches_the_rotation_and_comes_back_and_the_others_do_worse():
 
 
 @pytest.mark.parametrize(("mesh", "kind"), [(open_cylinder(12, 6), "rotation"), (EGG, "mirror")])
-def test_another_mesh_gives_its_own_symmetry(mesh, kind):
+def test_other_meshes_use_their_symmetry(mesh, kind):
     example, findings = run(9, mesh)
     assert all(target.startswith(f"permuted:{kind}(") for _, target in example.specs)
     assert [len(row) for row in findings.sheet.rows] == [5, 4]
@@ -66,12 +67,13 @@ def test_another_mesh_gives_its_own_symmetry(mesh, kind):
 
 
 @pytest.mark.parametrize(("figure", "mesh"), [(9, "human_B.off"), (10, "fandisk.off")])
-def test_a_mesh_without_symmetry_is_refused(figure, mesh):
+def test_mesh_without_symmetry_is_refused(figure, mesh):
     with raises(MeshError):
         stated(figure, bundled(mesh))
 
 
-def test_geodesics_on_a_sphere_are_angles_and_no_shorter_than_straight_lines():
+def test_geodesics_are_angles_on_a_sphere():
+    """Geodesics are never shorter than straight lines."""
     mesh = sphere(3)
     vertices, angles = np.array([0, 5, 7, 9]), np.array([0.0, 0.01, 0.5, 2.0])
     x = mesh.vertices[vertices]
@@ -88,7 +90,7 @@ def test_geodesics_on_a_sphere_are_angles_and_no_shorter_than_straight_lines():
     assert (found >= straight / mesh.length_scale - 1e-12).all()
 
 
-def test_a_coarse_slab_is_turned_in_most_parts():
+def test_coarse_slab_is_mostly_rotated():
     slab = stepped_slab(3)
     example, findings = run(10, slab)
     problem, found = example.problem, values(findings)
@@ -101,7 +103,7 @@ def test_a_coarse_slab_is_turned_in_most_parts():
     json.dumps([measure.to_dict() for measure in findings.measures])
 
 
-def test_all_edges_of_the_slab_are_creases():
+def test_normals_of_the_slab_are_axes():
     slab = stepped_slab(2)
     corners = slab.vertices[slab.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -111,7 +113,7 @@ def test_all_edges_of_the_slab_are_creases():
     assert slab.length_scale**2 == pytest.approx(2 * (10 + 0) + 14 + 6)
 
 
-def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
+def test_mirror_precedes_orientation_reversing_rotation():
     kite = TriangleMesh(
         [[0, 0, 0], [2, 1, 0], [5, 0, 0], [2, -1, 0], [2, 0, 0]],
         [[0, 4, 1], [4, 2, 1], [0, 3, 4], [4, 3, 2]],
@@ -122,7 +124,8 @@ def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
     assert_allclose(np.abs(found.axis), [0, 1, 0], atol=1e-9)
 
 
-def test_a_smooth_mesh_is_turned_as_well_and_one_without_inner_edges_has_no_creases():
+def test_smooth_mesh_is_rotated():
+    """A mesh without interior edges has no creases."""
     assert "rotation by 180 degrees" in run(10, torus(24, 10))[1].setting
     alone = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     assert values(run(10, alone)[1])[f"edges with an {CREASES}"] == 0

@@ -1,4 +1,4 @@
-"""Pages in a real browser without a screen: Chromium, driven by its own driver."""
+"""Pages in headless Chromium, controlled by chromedriver."""
 
 import io
 import json
@@ -16,7 +16,7 @@ from selenium.webdriver.common.keys import Keys
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FLAGS = (
     "--headless=new",
-    "--no-sandbox",  # containers have none
+    "--no-sandbox",  # not available in containers
     "--disable-background-networking",
     "--disable-component-update",
     "--no-first-run",
@@ -33,12 +33,12 @@ SIZE = 800, 600
 
 @contextmanager
 def browser():
-    """A browser; an AssertionError says what is missing."""
+    """Yield a browser; an AssertionError reports missing programs."""
     program = next(filter(None, map(shutil.which, _NAMES)), None)
     driver = shutil.which("chromedriver")
-    way = "./run test installs them, or apt-get install chromium chromium-driver"
-    assert program, f"Chromium is missing, and pages are tested in it; {way}"
-    assert driver, f"chromedriver is missing, and pages are tested by it; {way}"
+    advice = "install it by ./run test or apt-get install chromium chromium-driver"
+    assert program, f"Chromium, which tests of pages need, is missing; {advice}"
+    assert driver, f"chromedriver, which tests of pages need, is missing; {advice}"
     options = webdriver.ChromeOptions()
     options.binary_location = program
     for flag in (*_FLAGS, f"--window-size={SIZE[0]},{SIZE[1]}"):
@@ -52,13 +52,13 @@ def browser():
 
 
 class Shown:
-    """A page that is open."""
+    """An open page."""
 
     def __init__(self, driver, address, ready=_DRAWN):
         self.driver = driver
         self.resize(*SIZE)
         for kind in ("browser", "performance"):
-            driver.get_log(kind)  # those of pages before
+            driver.get_log(kind)  # discard the logs of earlier pages
         driver.get(address)
         self.until(lambda: self.script(ready))
 
@@ -70,13 +70,13 @@ class Shown:
         return self.driver.execute_script(f"return {text}", *given)
 
     def drawn(self):
-        """The time that the surfaces were last drawn at."""
+        """Return the time at which the surfaces were last drawn."""
         return float(self.script("document.body.dataset.drawn"))
 
     def until(self, condition):
         end = time.monotonic() + _SECONDS
         while not condition():
-            assert time.monotonic() < end, f"never so; the log: {self.log()}"
+            assert time.monotonic() < end, f"timeout; the log: {self.log()}"
             time.sleep(0.02)
 
     def press(self, *keys):
@@ -91,7 +91,7 @@ class Shown:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
     def boxes(self, selector=".view"):
-        """Boxes of elements, (left, top, right, bottom)."""
+        """Return the boxes of elements, (left, top, right, bottom)."""
         text = f"""[...document.querySelectorAll("{selector}")].map((each) => {{
             const {{ left, top, right, bottom }} = each.getBoundingClientRect();
             return [left, top, right, bottom];
@@ -99,7 +99,7 @@ class Shown:
         return self.script(text)
 
     def picture(self):
-        """What the browser shows, (height, width, 3)."""
+        """Return a screenshot, (height, width, 3)."""
         self.script(
             "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
@@ -107,18 +107,18 @@ class Shown:
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
 
     def surface(self, number=0, across=1.0):
-        """The middle part of a panel, of a share of its width and height."""
+        """Return the central part of a panel, by a fraction of its width and height."""
         left, top, right, bottom = self.boxes()[number]
         x, y, share = (left + right) / 2, (top + bottom) / 2, across / 2
         w, h = share * (right - left), share * (bottom - top)
         return self.picture()[round(y - h) : round(y + h), round(x - w) : round(x + w)]
 
-    def middle(self, number=0):
-        """The colour in the middle of a panel."""
+    def center(self, number=0):
+        """Return the color at the center of a panel."""
         return np.median(self.surface(number, 0.02).reshape(-1, 3), axis=0)
 
     def drag(self, number, dx, dy):
-        """Drag from the middle of a panel."""
+        """Drag from the center of a panel."""
         left, top, right, bottom = self.boxes()[number]
         x, y = round((left + right) / 2), round((top + bottom) / 2)
         mouse = ActionChains(self.driver, duration=20)
@@ -127,10 +127,10 @@ class Shown:
         mouse.perform()
 
     def requests(self):
-        """Addresses that were asked for since the page was opened."""
+        """Return the addresses that were requested since the page was opened."""
         entries = [json.loads(each["message"])["message"] for each in self.log("performance")]
-        asked = (each for each in entries if each["method"] == "Network.requestWillBeSent")
-        return [each["params"]["request"]["url"] for each in asked]
+        requested = (each for each in entries if each["method"] == "Network.requestWillBeSent")
+        return [each["params"]["request"]["url"] for each in requested]
 
     def log(self, kind="browser"):
         return self.driver.get_log(kind)

@@ -1,4 +1,4 @@
-"""Pages in a browser, by their pixels: the bar moves the colours, and no network is asked."""
+"""Pages in a browser: pixels, controls, and no access to the network."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,12 +26,12 @@ FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 COLORS = ColorRange("abfm sequential", 0.0, 1.0)
 BALL = icosphere(4)
 TIMES = np.array([10.0, 11.0, 14.0])
-LIGHT = 0.35 + 0.65 * (0.5 + 0.5 * 0.76)  # of what faces the viewer
+LIGHT = 0.35 + 0.65 * (0.5 + 0.5 * 0.76)  # on a surface that faces the viewer
 EVIL = "</script><script>document.title='broken'</script> & \"quoted\""
 
 
-def told(value, colormap="abfm sequential"):
-    """What a value, 0 to 1, looks like where the surface faces the viewer, 0 to 255."""
+def color_of(value, colormap="abfm sequential"):
+    """Return the color, 0 to 255, of a value, 0 to 1, where the surface faces the viewer."""
     table = linear_table(colormap, 256)
     places = np.arange(256) / 255
     own = LIGHT * np.array([np.interp(value, places, channel) for channel in table.T])
@@ -43,7 +43,7 @@ def even(*values):
 
 
 def sided(one, other):
-    """A value where x is negative, and another one where it is positive."""
+    """Return one value where x is negative, and another where it is positive."""
     return np.where(BALL.vertices[:, 0] < 0, one, other)
 
 
@@ -75,15 +75,15 @@ def page(*panels, clock=CLOCK):
     return Page("a page", "a headline", panels or [Panel("ball", BALL, LAYERS, FRONT)], clock)
 
 
-def test_the_time_bar_moves_the_colours_and_goes_evenly_between_frames(open_page):
+def test_time_bar_interpolates_frames(open_page):
     shown = open_page(page())
-    np.testing.assert_allclose(shown.middle(), told(0.0), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.0), atol=4)
     shown.go(Keys.END, 14.0)
-    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
     assert shown.find("#now").text == "14.00 s"
     assert shown.find("#span").text == "late"
     shown.go(Keys.ARROW_LEFT, 11.0)
-    np.testing.assert_allclose(shown.middle(), told(1.0), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(1.0), atol=4)
     left, top, right, bottom = shown.boxes("#time")[0]
     mouse = ActionChains(shown.driver)
     mouse.w3c_actions.pointer_action.move_to_location(
@@ -92,11 +92,11 @@ def test_the_time_bar_moves_the_colours_and_goes_evenly_between_frames(open_page
     mouse.perform()
     shown.until(lambda: abs(shown.drawn() - 12) < 0.1)
     value = np.interp(shown.drawn(), TIMES, [0.0, 1.0, 0.4])
-    np.testing.assert_allclose(shown.middle(), told(value), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(value), atol=4)
     assert shown.log() == []
 
 
-def test_it_plays_to_the_end_and_pauses_there_unless_it_loops(open_page):
+def test_playing_pauses_at_the_end_unless_looping(open_page):
     shown = open_page(page())
     shown.find("#play").click()
     shown.until(lambda: shown.drawn() > 10.5)
@@ -110,14 +110,14 @@ def test_it_plays_to_the_end_and_pauses_there_unless_it_loops(open_page):
     assert shown.find("#play").get_attribute("aria-label") == "Pause"
     shown.until(lambda: shown.find("#play").get_attribute("aria-label") == "Play")
     shown.until(lambda: shown.drawn() == 14)
-    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
-    shown.press("l", Keys.SPACE)  # from the end it begins again
+    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
+    shown.press("l", Keys.SPACE)  # playing restarts from the end
     shown.until(lambda: shown.drawn() < 14)
     shown.press(Keys.END)
-    shown.until(lambda: shown.drawn() < 13)  # and so it goes on
+    shown.until(lambda: shown.drawn() < 13)  # the loop restarts
 
 
-def test_panels_turn_together_and_come_back(open_page):
+def test_panels_rotate_together_and_reset(open_page):
     one = Panel("one", BALL, [Layer("f", sided(0.2, 0.9), COLORS)], FRONT)
     shown = open_page(page(one, replace(one, title="two")))
     before = [shown.surface(number) for number in range(2)]
@@ -131,18 +131,18 @@ def test_panels_turn_together_and_come_back(open_page):
     np.testing.assert_allclose(shown.surface(1), before[1], atol=3)
 
 
-def test_half_a_turn_shows_the_other_side(open_page):
+def test_half_a_rotation_shows_the_other_side(open_page):
     value = np.where(BALL.vertices[:, 2] < 0, 0.2, 0.9)
     shown = open_page(page(Panel("ball", BALL, [Layer("f", value, COLORS)], FRONT)))
-    np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.9), atol=4)
     left, top, right, bottom = shown.boxes()[0]
     shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
     shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
-    np.testing.assert_allclose(shown.middle(), told(0.2), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.2), atol=4)
 
 
 @pytest.mark.parametrize("name", "xyz")
-def test_any_axis_can_be_put_upright_on_all_panels(open_page, name):
+def test_up_axis_rotates_all_panels(open_page, name):
     value = np.where(BALL.vertices[:, "xyz".index(name)] < 0, 0.2, 0.9)
     tilted = Front((0.0, 0.6, 0.8), (0.0, 0.8, -0.6))
     one = Panel("one", BALL, [Layer("f", value, COLORS)], tilted)
@@ -151,18 +151,18 @@ def test_any_axis_can_be_put_upright_on_all_panels(open_page, name):
     for number in range(2):
         above, below = np.array_split(shown.surface(number, 0.2), 2)
         for half, expected in ((above, 0.9), (below, 0.2)):
-            hue = np.median(half.reshape(-1, 3), axis=0) - np.median(told(expected))
-            wanted = told(expected) - np.median(told(expected))
-            other = told(1.1 - expected) - np.median(told(1.1 - expected))
-            assert np.linalg.norm(hue - wanted) < np.linalg.norm(hue - other)
+            hue = np.median(half.reshape(-1, 3), axis=0) - np.median(color_of(expected))
+            expected_hue = color_of(expected) - np.median(color_of(expected))
+            other = color_of(1.1 - expected) - np.median(color_of(1.1 - expected))
+            assert np.linalg.norm(hue - expected_hue) < np.linalg.norm(hue - other)
 
 
 def covered(shown):
-    """The share of a panel that is not white."""
+    """Return the fraction of a panel that is not white."""
     return (shown.surface().min(axis=2) < 250).mean()
 
 
-def test_wheel_fingers_and_keys_zoom(open_page):
+def test_wheel_touch_and_keys_zoom(open_page):
     shown = open_page(page())
     before = covered(shown)
     shown.press("-")
@@ -183,7 +183,7 @@ def test_wheel_fingers_and_keys_zoom(open_page):
     assert covered(shown) > 1.5 * smaller
 
 
-def test_the_mouse_reads_values(open_page):
+def test_mouse_shows_values(open_page):
     layer = Layer("f", sided(0.25, 0.75), COLORS, unit="mV")
     shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
     left, top, right, bottom = shown.boxes()[0]
@@ -200,7 +200,7 @@ def test_the_mouse_reads_values(open_page):
 
 
 def clicked(shown, dx):
-    """Click so far to the right of a panel's middle."""
+    """Click at a horizontal offset from the center of a panel."""
     left, top, right, bottom = shown.boxes()[0]
     x, y = round((left + right) / 2 + dx), round((top + bottom) / 2)
     mouse = ActionChains(shown.driver)
@@ -208,7 +208,7 @@ def clicked(shown, dx):
     mouse.perform()
 
 
-def test_a_click_shows_how_a_value_goes_on(open_page):
+def test_click_plots_a_value_over_time(open_page):
     values = np.array([0.0, 1.0, 0.4])[:, None] * sided(10.0, -10.0)
     layer = Layer("f", values, ColorRange("viridis", -10.0, 10.0), TIMES, "mV")
     shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
@@ -232,11 +232,11 @@ def test_a_click_shows_how_a_value_goes_on(open_page):
         shown.go(Keys.HOME, 10.0)
     left, _, right, _ = shown.boxes("#marker")[0]
     assert (left + right) / 2 == pytest.approx(sum(shown.boxes()[0][::2]) / 2 - 60, abs=10)
-    clicked(shown, -0.45 * SIZE[0])  # beside the surface
+    clicked(shown, -0.45 * SIZE[0])  # outside the surface
     shown.until(lambda: not shown.find("#plot").is_displayed())
 
 
-def test_another_layer_and_its_colour_bar(open_page):
+def test_layer_changes_colors_and_color_bar(open_page):
     warmth = ColorRange("viridis", -10.0, 10.0)
     layers = [LAYERS[0], Layer("second", even(5.0)[0], warmth, unit="K")]
     shown = open_page(page(Panel("ball", BALL, layers, FRONT)))
@@ -248,7 +248,7 @@ def test_another_layer_and_its_colour_bar(open_page):
         "0",
         "10",
     ]
-    np.testing.assert_allclose(shown.middle(), told(0.75, "viridis"), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.75, "viridis"), atol=4)
 
 
 @pytest.mark.parametrize(
@@ -263,21 +263,21 @@ def test_another_layer_and_its_colour_bar(open_page):
 def test_sides_of_open_and_closed_surfaces(open_page, mesh, front):
     value = np.where(mesh.vertices[:, 2] < -1e-9, 0.2, 0.9)
     shown = open_page(page(Panel("surface", mesh, [Layer("f", value, COLORS)], front)))
-    np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.9), atol=4)
 
 
-def test_surfaces_come_back_after_the_graphics_card_was_lost(open_page):
+def test_lost_graphics_context_is_restored(open_page):
     shown = open_page(page())
     graphics = "document.querySelector('canvas').getContext('webgl2')"
     shown.script(f"(window.lost = {graphics}.getExtension('WEBGL_lose_context')).loseContext()")
     shown.until(lambda: shown.script(f"{graphics}.isContextLost()"))
     shown.script("window.lost.restoreContext()")
-    shown.until(lambda: np.allclose(shown.middle(), told(0.0), atol=4))
+    shown.until(lambda: np.allclose(shown.center(), color_of(0.0), atol=4))
     shown.go(Keys.END, 14.0)
-    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
+    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
 
 
-def test_no_value_is_grey(open_page):
+def test_unknown_values_are_gray(open_page):
     shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.9), COLORS)], FRONT)))
     surface = shown.surface()
     ours = surface[surface.min(axis=2) < 250]
@@ -285,26 +285,26 @@ def test_no_value_is_grey(open_page):
     assert 0.4 < is_grey.mean() < 0.6
 
 
-def test_what_is_known_goes_on_to_the_edge_of_what_is_not(open_page):
-    """There is no third colour between grey and the value."""
+def test_known_colors_extend_to_unknown_values(open_page):
+    """There is no third color between gray and the color of the value."""
     shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.0), COLORS)], FRONT)))
     surface = shown.surface(across=0.6)
     hues = np.ptp(surface[surface.min(axis=2) < 250], axis=1)
-    assert hues.max() < np.ptp(told(0.0)) + 12 < np.ptp(told(1.0)) - 50
+    assert hues.max() < np.ptp(color_of(0.0)) + 12 < np.ptp(color_of(1.0)) - 50
 
 
 @pytest.mark.parametrize("start", [1.7e9, 0.0, -3e4])
 @pytest.mark.parametrize("unit", [1e-3, 1e-9])
-def test_times_of_any_size_are_told_apart(open_page, start, unit):
+def test_times_of_any_size_are_distinguished(open_page, start, unit):
     times = start + (unit if abs(start) < 1e4 else 1e-3) * (TIMES - 10)
-    ways = [Paths.points("dot", np.array([[0.0, 0.0, 1.0]]), times[[1, 1]], RED, disc=8.0)]
+    paths = [Paths.points("dot", np.array([[0.0, 0.0, 1.0]]), times[[1, 1]], RED, disc=8.0)]
     layer = Layer("f", even(0.0, 1.0, 0.4), COLORS, times)
     clock = Clock(times[0], times[-1], ticks=times)
-    shown = open_page(page(Panel("ball", BALL, [layer], FRONT, ways), clock=clock))
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT, paths), clock=clock))
     shown.press(Keys.ARROW_RIGHT)
     shown.until(lambda: shown.drawn() == times[1])
     surface = shown.surface(across=0.2)
-    np.testing.assert_allclose(np.median(surface.reshape(-1, 3), axis=0), told(1.0), atol=4)
+    np.testing.assert_allclose(np.median(surface.reshape(-1, 3), axis=0), color_of(1.0), atol=4)
     assert (surface[:, :, 0] > 240).sum() > 50  # the dot
     texts = {shown.find("#now").text}
     shown.press(Keys.END)
@@ -323,7 +323,7 @@ def test_times_of_any_size_are_told_apart(open_page, start, unit):
         (1012.0, 1013.0, ["1012", "1012.5", "1013"]),
     ],
 )
-def test_ends_of_a_colour_bar_are_short_and_told_apart(open_page, low, high, expected):
+def test_labels_of_color_bar_are_short_and_distinct(open_page, low, high, expected):
     values = low + (high - low) * sided(0.0, 1.0)
     layer = Layer("f", values, ColorRange("viridis", low, high))
     shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
@@ -333,12 +333,16 @@ def test_ends_of_a_colour_bar_are_short_and_told_apart(open_page, low, high, exp
     assert all(one[2] <= other[0] for one, other in pairwise(boxes))
 
 
-def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open_page):
-    feet, tips = np.array([[-0.2, 0.0, 1.1]] * 2), np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]])
-    ways = [
+def test_arrows_are_visible_in_their_interval(open_page):
+    """Arrows on steep parts of the surface are hidden."""
+    arrow_starts, tips = (
+        np.array([[-0.2, 0.0, 1.1]] * 2),
+        np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]]),
+    )
+    paths = [
         Paths(
             "arrows",
-            feet,
+            arrow_starts,
             tips,
             np.array([TIMES[:2], TIMES[1:]]),
             RED,
@@ -349,7 +353,7 @@ def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open
         ),
         Paths(
             "steep",
-            feet,
+            arrow_starts,
             tips,
             np.array([TIMES[[0, 2]]] * 2),
             (0.0, 0.0, 1.0),
@@ -360,7 +364,7 @@ def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open
         ),
     ]
     light = Layer("f", even(0.0)[0], COLORS)
-    shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways)))
+    shown = open_page(page(Panel("ball", BALL, [light], FRONT, paths)))
 
     def reds():
         colors = shown.surface(across=0.8)
@@ -371,26 +375,26 @@ def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open
         return [np.ptp(rows[columns == column]) + 1 for column in np.unique(columns)]
 
     rows, columns = reds()
-    assert np.ptp(columns) > 3 * np.ptp(rows)  # it lies
+    assert np.ptp(columns) > 3 * np.ptp(rows)  # the arrow is horizontal
     wide = widths(rows, columns)
     assert np.median(wide[: len(wide) // 3]) == pytest.approx(6, abs=1.5)  # shaft
     assert max(wide[len(wide) // 2 :]) > 12  # head
     assert wide[-1] < 5  # tip
-    shown.go(Keys.ARROW_RIGHT, 11.0)  # the next one from its first moment on
+    shown.go(Keys.ARROW_RIGHT, 11.0)  # the next arrow is visible from its start
     rows, columns = reds()
-    assert np.ptp(rows) > 3 * np.ptp(columns)  # it stands
+    assert np.ptp(rows) > 3 * np.ptp(columns)  # the arrow is vertical
     shown.go(Keys.END, 14.0)
     assert len(reds()[0]) == len(rows)
 
 
-def test_lines_are_round_where_they_turn(open_page):
-    """At a sharp turn there is no notch: the corner has as much ink around it as a disc."""
+def test_lines_have_round_joints(open_page):
+    """The pixels around a sharp corner are covered like a disc."""
     corner, width = np.array([0.0, 0.0, 1.1]), 16.0
     for turned in (-0.4, 0.3):
         points = np.array([[-0.5, -0.1, 1.1], corner, [turned, 0.5, 1.1]])
-        ways = [Paths.along("way", [(TIMES, points)], RED, disc=0.0, line=width)]
+        paths = [Paths.along("path", [(TIMES, points)], RED, disc=0.0, line=width)]
         light = Layer("f", even(0.0)[0], COLORS)
-        shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways)))
+        shown = open_page(page(Panel("ball", BALL, [light], FRONT, paths)))
         shown.go(Keys.END, 14.0)
         colors = shown.surface(across=0.5)
         rows, columns = np.mgrid[: colors.shape[0], : colors.shape[1]]
@@ -399,16 +403,16 @@ def test_lines_are_round_where_they_turn(open_page):
         assert ((disc[:, 0] > 240) & (disc[:, 1:].max(axis=1) < 60)).all()
 
 
-def test_points_come_and_go_and_ways_grow(open_page):
+def test_points_appear_and_paths_grow(open_page):
     front = np.array([[0.0, 0.0, 1.0]])
     path = np.stack([np.sin([-0.5, 0.0, 0.5]), np.zeros(3), np.cos([-0.5, 0.0, 0.5])], axis=1)
-    ways = [
+    paths = [
         Paths.points("dots", front, (11.0, 13.0), RED, disc=8.0),
         Paths.along("tracks", [(TIMES, path)], (0.0, 0.0, 1.0), disc=0.0, line=6.0),
     ]
     clock = replace(CLOCK, ticks=[10.0, 11.0, 12.0, 14.0])
     light = Layer("f", even(0.0)[0], COLORS)
-    shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways), clock=clock))
+    shown = open_page(page(Panel("ball", BALL, [light], FRONT, paths), clock=clock))
 
     def seen(channel):
         colors = shown.surface()
@@ -427,21 +431,21 @@ def test_points_come_and_go_and_ways_grow(open_page):
     assert seen(2) == 0
 
 
-def test_a_surface_hides_what_is_behind_it(open_page):
-    ways = [Paths.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
-    shown = open_page(page(Panel("ball", BALL, [LAYERS[1]], FRONT, ways)))
-    np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
+def test_surface_hides_points_behind_it(open_page):
+    paths = [Paths.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
+    shown = open_page(page(Panel("ball", BALL, [LAYERS[1]], FRONT, paths)))
+    np.testing.assert_allclose(shown.center(), color_of(0.7), atol=4)
 
 
-def test_nothing_is_asked_of_a_network_and_nothing_could_be(open_page, driver, tmp_path):
+def test_page_has_no_access_to_the_network(open_page, driver, tmp_path):
     shown = open_page(page())
     shown.go(Keys.END, 14.0)
     assert shown.requests() == [(tmp_path / "page.html").as_uri()]
-    asked = []
+    requested = []
 
     class Handler(SimpleHTTPRequestHandler):
         def do_GET(self):
-            asked.append(self.path)
+            requested.append(self.path)
             super().do_GET()
 
         def log_message(self, *words):
@@ -451,18 +455,18 @@ def test_nothing_is_asked_of_a_network_and_nothing_could_be(open_page, driver, t
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         served = Shown(driver, f"http://127.0.0.1:{server.server_port}/page.html")
-        np.testing.assert_allclose(served.middle(), told(0.0), atol=4)
+        np.testing.assert_allclose(served.center(), color_of(0.0), atol=4)
         refused = 'fetch("/other").then(() => "answered", (error) => error.name)'
         assert served.script(refused) == "TypeError"
         server.shutdown()
-    assert asked == ["/page.html"]
+    assert requested == ["/page.html"]
 
 
-def test_what_users_wrote_is_text(open_page):
+def test_user_texts_are_escaped(open_page):
     layer = replace(LAYERS[0], name=EVIL, unit=EVIL)
     clock = replace(CLOCK, unit=EVIL, spans=[Span(10.0, 14.0, EVIL)])
-    ways = [Paths.points(EVIL, BALL.vertices[:1], (0.0, 99.0), RED)]
-    given = Page(EVIL, EVIL, [Panel(EVIL, BALL, [layer], FRONT, ways)], clock, about=EVIL)
+    paths = [Paths.points(EVIL, BALL.vertices[:1], (0.0, 99.0), RED)]
+    given = Page(EVIL, EVIL, [Panel(EVIL, BALL, [layer], FRONT, paths)], clock, about=EVIL)
     shown = open_page(given)
     assert shown.driver.title == EVIL
     for selector in ("h1", ".headline", ".about", "figcaption", "#span", "#paths label"):
@@ -471,7 +475,7 @@ def test_what_users_wrote_is_text(open_page):
     assert shown.log() == []
 
 
-def test_a_browser_without_webgl_is_told_so(open_page, driver):
+def test_missing_webgl_is_reported(open_page, driver):
     text = "HTMLCanvasElement.prototype.getContext = () => null"
     command = "Page.addScriptToEvaluateOnNewDocument"
     added = driver.execute_cdp_cmd(command, {"source": text})
@@ -484,19 +488,19 @@ def test_a_browser_without_webgl_is_told_so(open_page, driver):
 
 
 @pytest.mark.parametrize("size", [(390, 844), (1600, 500)])
-def test_panels_stand_where_there_is_room_and_all_is_in_view(open_page, size):
+def test_layout_fits_phone_and_wide_screens(open_page, size):
     one = Panel("one", BALL, [LAYERS[1]], FRONT)
     shown = open_page(page(one, replace(one, title="two"), replace(one, title="three")))
     shown.resize(*size)
-    upright = size[0] < size[1]
-    shown.until(lambda: len({top for _, top, _, _ in shown.boxes()}) == (3 if upright else 1))
+    is_portrait = size[0] < size[1]
+    shown.until(lambda: len({top for _, top, _, _ in shown.boxes()}) == (3 if is_portrait else 1))
     boxes = [*shown.boxes(), *shown.boxes("#controls"), *shown.boxes("#play"), *shown.boxes("#now")]
     for left, top, right, bottom in boxes:
         assert 0 <= left < right <= size[0]
         assert 0 <= top < bottom <= size[1]
     assert shown.script("document.documentElement.scrollWidth") <= size[0]
     for number in range(3):
-        np.testing.assert_allclose(shown.middle(number), told(0.7), atol=4)
+        np.testing.assert_allclose(shown.center(number), color_of(0.7), atol=4)
 
 
 def test_static_pages_fit_a_phone(driver, tmp_path):
@@ -515,7 +519,7 @@ def test_static_pages_fit_a_phone(driver, tmp_path):
         assert shown.script("document.documentElement.scrollWidth") == 390
 
 
-def test_a_view_for_notebooks_is_drawn_in_its_frame(driver, tmp_path):
+def test_notebook_view_is_drawn_in_its_frame(driver, tmp_path):
     file = tmp_path / "notebook.html"
     file.write_text(f"<!doctype html><meta charset=utf-8>{BALL._repr_html_()}", encoding="utf-8")
     shown = Shown(driver, file.as_uri(), ready="document.querySelector('iframe') !== null")
@@ -523,7 +527,7 @@ def test_a_view_for_notebooks_is_drawn_in_its_frame(driver, tmp_path):
     try:
         shown.until(lambda: shown.script("document.body.dataset.drawn !== undefined"))
         assert not shown.find("header").is_displayed()
-        assert not shown.find("#bars").text  # a mesh has no values
+        assert not shown.find("#bars").text  # no color bar without values
         middle = shown.find("#stage").rect
     finally:
         driver.switch_to.default_content()

@@ -26,7 +26,7 @@ QUICK = abfm.Parameters.of(iterations=2, refine=0)
 
 
 def small_population():
-    """Five subjects with two channels; the last does not fit, and vertex 0 is unknown."""
+    """Return five subjects with two channels; the last is excluded, and vertex 0 is unknown."""
     noise = np.random.default_rng(0).normal(size=(5, len(X), 2))
     values = X[:, None] + 0.1 * noise
     values[:, 0] = np.nan
@@ -57,7 +57,7 @@ def small_population():
 
 @cache
 def found():
-    """What can be shown, by the words that its view has."""
+    """Return shown objects with the text that their view contains, by kind."""
     match = abfm.match(BALL, X, X + 0.1 * BALL.vertices[:, 1], QUICK)
     frames = [np.sin(3 * (X - 0.02 * t)) for t in range(3)]
     sequence = abfm.sequence(BALL, frames, parameters=abfm.sequences.defaults(sigma=0.1))
@@ -137,7 +137,7 @@ def test_hostile_names_are_escaped(tmp_path):
     assert view.count("<iframe") == 1
 
 
-def test_error_of_a_page_is_its_view(monkeypatch):
+def test_view_reports_the_error_of_a_page(monkeypatch):
     def refuse(*given, **named):
         raise AbfmError(EVIL)
 
@@ -157,7 +157,7 @@ def test_fine_surfaces_are_coarsened(monkeypatch):
         assert 20 < len(panel.mesh.vertices) <= 75
         [layer] = panel.layers
         assert layer.values.shape[-1] == len(panel.mesh.vertices)
-    # the source is x, also on the coarser sphere, whose vertices lie inside
+    # the source is x, also on the coarser sphere, whose vertices are inside the fine one
     coarse = page.panels[0]
     assert np.abs(coarse.layers[0].values - coarse.mesh.vertices[:, 0]).max() < 0.1
     open_square = square(12)
@@ -168,7 +168,7 @@ def test_fine_surfaces_are_coarsened(monkeypatch):
 
 @pytest.mark.parametrize("bound", ["RESULT_VERTICES_MAX", "BYTES_MAX"])
 @pytest.mark.parametrize("kind", ["match", "correspondence", "population"])
-def test_large_results_are_a_sentence(monkeypatch, bound, kind):
+def test_large_results_are_not_drawn(monkeypatch, bound, kind):
     monkeypatch.setattr(notebook, bound, 100)
     shown, headline = found()[kind]
     view = shown._repr_html_()
@@ -208,6 +208,6 @@ def test_notebook_runs():
         assert '<body class="embedded">' in frame_of(view)
 
 
-def test_notebook_is_kept_without_outputs():
+def test_notebook_has_no_stored_outputs():
     cells = nbformat.read(NOTEBOOK, as_version=4).cells
     assert not any(cell.get("outputs") for cell in cells)

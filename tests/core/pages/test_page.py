@@ -1,4 +1,4 @@
-"""The page as text: of bounded size, what users wrote is text, and nothing is from outside."""
+"""HTML of pages: limited size, escaped texts, and no external resources."""
 
 import base64
 import hashlib
@@ -34,7 +34,7 @@ EVIL = "</script><script>document.title='broken'</script><img src=x onerror=1> &
 
 
 class Parts(HTMLParser):
-    """Texts of a page by the tag and id around them, and all attributes."""
+    """Texts of a page by their tag and id, and all attributes."""
 
     def __init__(self, text):
         super().__init__()
@@ -55,7 +55,7 @@ class Parts(HTMLParser):
 
 
 def wave(mesh, count):
-    """A wave around the axis z."""
+    """Return a wave around the axis z."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return np.cos(3 * angle - 2 * np.pi * np.linspace(0, 1, count)[:, None]) * np.hypot(
         *mesh.vertices[:, :2].T
@@ -65,8 +65,8 @@ def wave(mesh, count):
 def page_of(mesh, values, times, **more):
     layer = Layer(EVIL, values, COLORS, times, EVIL)
     clock = Clock(0.0, float(times[-1]), ticks=times, spans=[Span(0.0, 1.0, EVIL)], unit=EVIL)
-    ways = Paths.points(EVIL, mesh.vertices[:2], (0.0, 1.0), (1.0, 0.0, 0.0))
-    panel = Panel(EVIL, mesh, [layer], FRONT, [ways])
+    paths = Paths.points(EVIL, mesh.vertices[:2], (0.0, 1.0), (1.0, 0.0, 0.0))
+    panel = Panel(EVIL, mesh, [layer], FRONT, [paths])
     return Page(EVIL, EVIL, [panel], clock, about=EVIL, facts={EVIL: EVIL}, notes=[EVIL], **more)
 
 
@@ -76,7 +76,8 @@ def text():
     return page_of(mesh, wave(mesh, 5), times).html()
 
 
-def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes():
+def test_page_of_60_frames_is_below_2_megabytes():
+    """The surface has 10,242 vertices."""
     mesh = icosphere(5)
     rng = np.random.default_rng(0)
     noisy = wave(mesh, 60) + 0.1 * rng.normal(size=(60, 10_242))
@@ -84,15 +85,15 @@ def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes()
     assert size < 2_000_000
 
 
-def test_no_film_makes_a_page_of_fifteen_megabytes():
-    """Not even pure noise, at the most values that a page of a sequence has."""
+def test_page_of_noise_is_below_14_megabytes():
+    """The sequence has the maximum number of values of a page."""
     store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
     store.add(quantized(noise).numbers)
-    most = VALUES_MAX + 2 * PART_VALUES_MAX
-    assert most * len(store.text()) / noise.size < 14_000_000
+    values_max = VALUES_MAX + 2 * PART_VALUES_MAX
+    assert values_max * len(store.text()) / noise.size < 14_000_000
 
 
-def test_what_users_wrote_is_text_and_nothing_else(text):
+def test_user_texts_are_escaped(text):
     parts = Parts(text)
     scripts = re.findall(r"<script[^>]*>", text)
     assert len(scripts) == 3
@@ -100,12 +101,12 @@ def test_what_users_wrote_is_text_and_nothing_else(text):
     assert parts.texts["h1", ""] == EVIL
     assert "img" not in {tag for tag, *_ in parts.attributes}
     assert not [name for _, name, _ in parts.attributes if name.startswith("on")]
-    told = json.loads(parts.texts["script", "page"])
-    assert told["panels"][0]["title"] == told["panels"][0]["layers"][0]["unit"] == EVIL
-    assert told["clock"]["spans"][0]["text"] == told["panels"][0]["paths"][0]["name"] == EVIL
+    data = json.loads(parts.texts["script", "page"])
+    assert data["panels"][0]["title"] == data["panels"][0]["layers"][0]["unit"] == EVIL
+    assert data["clock"]["spans"][0]["text"] == data["panels"][0]["paths"][0]["name"] == EVIL
 
 
-def test_its_policy_allows_its_own_script_and_style_alone(text):
+def test_policy_allows_only_script_and_style_of_the_page(text):
     parts = Parts(text)
     policy = next(v for tag, name, v in parts.attributes if (tag, name) == ("meta", "content"))
     hashes = {
@@ -119,22 +120,22 @@ def test_its_policy_allows_its_own_script_and_style_alone(text):
     assert {name for _, name, _ in parts.attributes} & {"src", "href", "style", "action"} == set()
 
 
-def test_equal_pages_are_equal_bytes(text):
+def test_equal_pages_have_equal_bytes(text):
     mesh, times = icosphere(2), np.linspace(0, 1, 5)
     assert page_of(mesh, wave(mesh, 5), times).html() == text
 
 
-def test_a_mesh_that_several_panels_show_is_in_it_once():
+def test_shared_mesh_is_stored_once():
     mesh = icosphere(4)
     panel = Panel("a", mesh, [Layer("f", mesh.vertices[:, 0], COLORS)], FRONT)
     one, two = (len(Page("t", "h", [panel] * count).html()) for count in (1, 2))
     assert two - one < 0.2 * one
-    told = json.loads(Parts(Page("t", "h", [panel] * 2).html()).texts["script", "page"])
-    assert [each["mesh"] for each in told["panels"]] == [0, 0]
-    assert len(told["meshes"]) == 1
+    data = json.loads(Parts(Page("t", "h", [panel] * 2).html()).texts["script", "page"])
+    assert [each["mesh"] for each in data["panels"]] == [0, 0]
+    assert len(data["meshes"]) == 1
 
 
-def test_frames_and_times_that_do_not_fit_are_refused():
+def test_inconsistent_frames_and_times_are_refused():
     mesh = icosphere(1)
     layer = Layer("f", wave(mesh, 3), COLORS, np.array([0.0, 1.0]))
     page = Page("t", "h", [Panel("a", mesh, [layer], FRONT)])
@@ -144,13 +145,13 @@ def test_frames_and_times_that_do_not_fit_are_refused():
         Clock(1.0, 1.0)
 
 
-class Film:
-    """A wave that turns, known at all times."""
+class WaveSequence:
+    """A rotating wave with exact values at all times."""
 
     unknown = None
 
     def __init__(self, mesh, count):
-        self.mesh, self.times, self.asked = mesh, np.linspace(2.0, 3.0, count), []
+        self.mesh, self.times, self.requested = mesh, np.linspace(2.0, 3.0, count), []
         self.frames = np.stack([self.exact(t) for t in self.times])[:, :, None]
 
     def exact(self, t):
@@ -158,43 +159,43 @@ class Film:
         return np.cos(2 * angle - 6 * t)
 
     def at(self, t):
-        self.asked.append(t)
+        self.requested.append(t)
         return self.exact(t)[:, None]
 
 
-def test_page_of_a_film_has_carried_keys_between_its_frames():
-    film = Film(icosphere(2), 6)
-    [layer], notes = frame_layers(film, Labels(["potential"], "mV"))
+def test_keys_between_frames_are_interpolated():
+    waves = WaveSequence(icosphere(2), 6)
+    [layer], notes = frame_layers(waves, Labels(["potential"], "mV"))
     assert not notes
     assert (layer.name, layer.unit) == ("potential", "mV")
     np.testing.assert_allclose(layer.times, np.linspace(2, 3, 21), rtol=1e-12)
-    np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
-    assert not set(film.asked) & set(film.times)
+    np.testing.assert_allclose(layer.values, [waves.exact(t) for t in layer.times], atol=1e-12)
+    assert not set(waves.requested) & set(waves.times)
 
 
-def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
+def test_many_frames_are_subsampled_with_a_note(monkeypatch):
     monkeypatch.setattr("abfm.pages.sequence_pages.VALUES_MAX", 5 * 42)
-    film = Film(icosphere(1), 12)
-    [layer], [note] = frame_layers(film, Labels())
+    waves = WaveSequence(icosphere(1), 12)
+    [layer], [note] = frame_layers(waves, Labels())
     assert len(layer.times) <= 5
     assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)
-    np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
+    np.testing.assert_allclose(layer.values, [waves.exact(t) for t in layer.times], atol=1e-12)
     check_message(note, 3, len(layer.times))
-    assert film.asked == []
+    assert waves.requested == []
 
 
-def test_page_of_a_match_carries_its_source_to_the_target():
+def test_page_of_a_match_advects_source_to_target():
     mesh = icosphere(3)
     f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.12") for v in (5, 60))
     match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=12, refine=0))
     page = match_page(match, "a match")
     names = [panel.title for panel in page.panels]
     assert names == ["source", "advected", "target"]
-    source, carried, target = (panel.layers[0] for panel in page.panels)
-    np.testing.assert_allclose(carried.values[0], source.values, atol=1e-12)
-    np.testing.assert_allclose(carried.values[-1], match.advected[:, 0], atol=1e-9)
+    source, advected, target = (panel.layers[0] for panel in page.panels)
+    np.testing.assert_allclose(advected.values[0], source.values, atol=1e-12)
+    np.testing.assert_allclose(advected.values[-1], match.advected[:, 0], atol=1e-9)
     np.testing.assert_array_equal(target.values, match.target[:, 0])
-    assert source.colors == carried.colors == target.colors
+    assert source.colors == advected.colors == target.colors
     flow_lines = page.panels[1].paths[0]
-    apart = np.linalg.norm(flow_lines.starts, axis=1)
-    assert np.abs(apart - 1).max() < 0.02  # on the sphere
+    radii = np.linalg.norm(flow_lines.starts, axis=1)
+    assert np.abs(radii - 1).max() < 0.02  # on the sphere

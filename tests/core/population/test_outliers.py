@@ -1,4 +1,4 @@
-"""Who does not fit, of subjects whose likeness is known."""
+"""Outliers of subjects with known similarities."""
 
 import numpy as np
 import pytest
@@ -29,25 +29,25 @@ def data_of(values, weights=None, masks=None):
     )
 
 
-def with_odd(odd):
-    return data_of([*ALIKE, odd])
+def with_outlier(outlier):
+    return data_of([*ALIKE, outlier])
 
 
-def test_those_who_are_alike_fit():
+def test_similar_subjects_are_included():
     found = find_outliers(data_of(ALIKE))
     assert found.fits.all()
     assert set(found.reasons) == {""}
 
 
-def test_another_function_does_not_fit():
-    found = find_outliers(with_odd(RNG.normal(size=200)))
+def test_unrelated_function_is_an_outlier():
+    found = find_outliers(with_outlier(RNG.normal(size=200)))
     assert found.fits.tolist() == [True] * 9 + [False]
     check_message(found.reasons[9])
 
 
-def test_who_does_not_fit_spoils_no_mean():
-    """The others are held against each other as if there were no odd one."""
-    found = find_outliers(with_odd(50 * RNG.normal(size=200)))
+def test_outlier_does_not_change_other_similarities():
+    """The mean of the others excludes the outlier."""
+    found = find_outliers(with_outlier(50 * RNG.normal(size=200)))
     assert not found.fits[9]
     alone = find_outliers(data_of(ALIKE))
     assert found.similarities[:9] == pytest.approx(alone.similarities)
@@ -62,24 +62,24 @@ def test_who_does_not_fit_spoils_no_mean():
         (np.full(200, 3.0), ""),
     ],
 )
-def test_reasons_say_what_is_wrong(odd, named):
-    found = find_outliers(with_odd(odd))
+def test_reason_names_sign_unit_or_offset(outlier, named):
+    found = find_outliers(with_outlier(outlier))
     assert found.fits.tolist() == [True] * 9 + [False]
     check_message(found.reasons[9], named)
 
 
-def test_of_few_subjects_none_is_left_out_for_being_unlike():
+def test_few_subjects_have_no_outliers():
     few = find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 2], RNG.normal(size=200)]))
     assert few.fits.all()
     assert not find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 1], RNG.normal(size=200)])).fits.all()
 
 
-def test_subjects_that_are_all_unlike_fit():
-    """Who is unlike is so by much, and beyond how much all differ."""
+def test_equally_different_subjects_are_included():
+    """An outlier differs more than all subjects differ from each other."""
     assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 
-def test_the_order_says_nothing():
+def test_order_does_not_change_outliers():
     values = np.stack([*ALIKE, RNG.normal(size=200)])
     order = RNG.permutation(10)
     one, other = find_outliers(data_of(values)), find_outliers(data_of(values[order]))
@@ -87,7 +87,7 @@ def test_the_order_says_nothing():
     assert [one.reasons[i] for i in order] == list(other.reasons)
 
 
-def test_whom_nobody_counts_is_judged():
+def test_subject_of_weight_0_is_checked():
     weights = [1] * 9 + [0]
     found = find_outliers(data_of([*ALIKE, RNG.normal(size=200)], weights))
     assert not found.fits[9]
@@ -96,29 +96,29 @@ def test_whom_nobody_counts_is_judged():
     assert heavy.fits.all()
 
 
-def test_only_what_is_known_is_compared():
+def test_masked_values_are_ignored():
     values, masks = np.stack([*ALIKE, ALIKE[0]]), np.ones((10, 200))
     values[9, :100], masks[9, :100] = 1000, 0
     assert find_outliers(data_of(values, masks=masks)).fits.all()
     assert not find_outliers(data_of(values)).fits[9]
 
 
-def test_maps_that_fold_or_distort_do_not_fit():
+def test_folds_and_distortion_exclude_a_subject():
     def maps(log2_area=0.1, folded=0.0):
-        usual = [Similarity(np.nan, np.nan, 0.1 + 0.01 * i, 0.0) for i in range(8)]
-        return [*usual, Similarity(np.nan, np.nan, log2_area, folded)]
+        similarities = [Similarity(np.nan, np.nan, 0.1 + 0.01 * i, 0.0) for i in range(8)]
+        return [*similarities, Similarity(np.nan, np.nan, log2_area, folded)]
 
     assert find_outliers(data_of(ALIKE), maps()).fits.all()
     assert find_outliers(
         data_of(ALIKE), maps(log2_area=0.4)
-    ).fits.all()  # more than others, but little
+    ).fits.all()  # larger than the others, but small
     distorted = find_outliers(data_of(ALIKE), maps(log2_area=1.5))
     assert distorted.fits.tolist() == [True] * 8 + [False]
     check_message(distorted.reasons[8], "|log2 J|", "1.50")
     check_message(find_outliers(data_of(ALIKE), maps(folded=0.2)).reasons[8], "20%")
 
 
-def test_who_was_left_out_twice_stays_out():
+def test_repeated_outlier_stays_excluded():
     alike = find_outliers(data_of(ALIKE))
     assert alike.fits.all()
     stays_excluded = np.arange(9) == 4
@@ -131,14 +131,14 @@ def test_who_was_left_out_twice_stays_out():
     check_message(find_outliers(data_of(ALIKE), None, failures, stays_excluded).reasons[4])
 
 
-def test_who_comes_and_goes_is_left_for_good_the_second_time():
+def test_second_exclusion_is_permanent():
     rounds = np.array([[1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [1, 0, 0, 1, 1], [1, 0, 0, 0, 1]], bool)
     assert not repeated_outliers(rounds[:2]).any()
     assert repeated_outliers(rounds[:3]).tolist() == [False, False, True, False, False]
     assert repeated_outliers(rounds).tolist() == [False, False, True, True, False]
 
 
-def test_failures_are_left_out_and_nothing_is_known_of_them():
+def test_failures_are_excluded():
     values = ALIKE.copy()
     values[4] = np.nan
     masks = np.ones(values.shape)

@@ -1,5 +1,6 @@
-"""Populations made from a template by known flows, on a small sphere. Rows are solved in this
-process: that others solve them alike is tested with batches.
+"""Populations generated from a template by known flows, on a small sphere.
+
+Rows are solved in this process. Tests of batches cover other workers.
 """
 
 from dataclasses import replace
@@ -32,7 +33,7 @@ SHORT = Settings(options=BRIEF, rounds=2)
 
 
 def height(places):
-    """A function that every rotation changes."""
+    """Return a function that every rotation changes."""
     x, y, z = np.asarray(places).T
     return x + y * z + x * z + 0.7 * (z * z - x * x) * y
 
@@ -42,7 +43,7 @@ def label(places):
 
 
 def field(number):
-    """Smooth fields of about .07 sqrt(area)."""
+    """Return one of two smooth fields of about 0.07 sqrt(area)."""
     x, y, z = np.moveaxis(MESH.vertices[MESH.faces].mean(axis=1), -1, 0)
     axes = [(0.3 * y, 0.2 + 0 * x, 0.25 * x), (0.2 * z, 0.3 * x, -0.2 + 0 * x)]
     return np.cross(np.stack([x, y, z], axis=1), np.stack(axes[number], axis=1))
@@ -50,14 +51,14 @@ def field(number):
 
 @pytest.fixture(scope="module", autouse=True)
 def names():
-    """Solve rows and carry here; names of those that were."""
+    """Solve rows and transfers in this process; yield the names of those that were solved."""
     names = []
 
     def compute(self, computations, control):
         for each in computations:
             if control.cancelled:
                 return
-            names.append(f"{each.subject.name}, carried")
+            names.append(f"{each.subject.name}, transferred")
             yield attempt(WorkItem(each, contents={}))
 
     def run(self, rows, folder, *, on_change, control):
@@ -78,14 +79,14 @@ def names():
 
 @pytest.fixture
 def solved(names):
-    """Names of rows that a test solves."""
+    """Return the list of the names of rows that a test solves."""
     names.clear()
     return names
 
 
 def registered(names):
-    """Names of the rows that were registered, and not carried."""
-    return [name for name in names if not name.endswith(", carried")]
+    """Return the names of rows that were registered, without transfers."""
+    return [name for name in names if not name.endswith(", transferred")]
 
 
 class Place:
@@ -135,20 +136,20 @@ def five(folder):
     return place
 
 
-def with_odd(folder):
+def with_outlier(folder):
     odd = np.random.default_rng(9).normal(size=(3, len(MESH.vertices)))
     return five(folder).add("odd", (MESH.vertices**3 * odd.T).sum(axis=1), odd[0])
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory):
-    """A folder whose population is registered once, for tests that go on from it."""
-    return with_odd(tmp_path_factory.mktemp("population"))
+def population_folder(tmp_path_factory):
+    """Return a folder whose population is registered once, for tests that resume it."""
+    return with_outlier(tmp_path_factory.mktemp("population"))
 
 
 @pytest.fixture(scope="module")
-def usual(kept):
-    return kept.registered(held_out=["label"])
+def population(population_folder):
+    return population_folder.registered(held_out=["label"])
 
 
 def error(mean, f=height):
@@ -156,7 +157,8 @@ def error(mean, f=height):
     return np.sqrt(np.average((mean - truth) ** 2, weights=areas) / np.var(truth))
 
 
-def test_equal_subjects_are_their_mean_and_do_not_vary(tmp_path):
+def test_equal_subjects_equal_their_mean(tmp_path):
+    """The variance is 0."""
     place = Place(tmp_path)
     for name in "abc":
         place.add(name, height(MESH.vertices))
@@ -169,8 +171,8 @@ def test_equal_subjects_are_their_mean_and_do_not_vary(tmp_path):
     assert found.correlation == pytest.approx(1)
 
 
-def test_template_objects_count_vertices_as_given(tmp_path):
-    """Vertices that no face uses come first; functions and vertex numbers are for all."""
+def test_template_object_preserves_vertex_numbers(tmp_path):
+    """Unused vertices come first; functions and vertex numbers refer to all vertices."""
     place = Place(tmp_path)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height))
@@ -195,22 +197,20 @@ def test_template_objects_count_vertices_as_given(tmp_path):
         place.registered(settings)
 
 
-def test_flows_there_and_back_have_the_template_as_their_mean(tmp_path):
+def test_opposite_flows_have_the_template_as_mean(tmp_path):
     place = Place(tmp_path)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height))
     found = place.registered()
-    assert error(found.before[0, :, 0]) > 0.35  # where it started
+    assert error(found.before[0, :, 0]) > 0.35  # initial error
     assert error(found.mean()) < 0.6 * error(found.plain_mean()) < 0.1
     phase = found.phase_and_amplitude()
     assert phase.phase > 0.95 * phase.total
     assert phase.phase + phase.amplitude == pytest.approx(phase.total)
 
 
-def test_the_template_does_not_drift_to_its_first_target(tmp_path):
-    """All lie on one side of the first target, the function that is given; the mean comes to their
-    middle.
-    """
+def test_template_does_not_drift_to_first_target(tmp_path):
+    """All subjects are on one side of the given first target; the mean is at their center."""
     place = Place(tmp_path)
     for name in ("plus", "minus", "still"):
         place.add(name, pushed(FIELDS[name] + field(1), height))
@@ -223,33 +223,33 @@ def test_the_template_does_not_drift_to_its_first_target(tmp_path):
 
     assert off(height(MESH.vertices)) > 0.2
     assert off(found.mean()) < 0.05
-    # what is taken off in the last round is little: the target is in the middle
+    # the last drift is small, because the target is at the center
     assert (
         np.linalg.norm(found.drift, axis=1).mean() < 0.1 * np.linalg.norm(field(1), axis=1).mean()
     )
 
 
-def test_the_odd_one_is_named_and_left_out(usual):
-    assert usual.fits.tolist() == [True] * 5 + [False]
-    assert usual.names[5] == "odd"
-    assert usual.reasons[5]
-    assert not any(usual.reasons[:5])
-    assert usual.worst_first()[0] == 5
-    expected = usual.values[:5, :, 0].mean(axis=0)
-    assert usual.mean() == pytest.approx(expected)
-    assert usual.deviation() == pytest.approx(usual.values[:5, :, 0].std(axis=0, ddof=1))
-    assert usual.mean_of_others(5) == pytest.approx(expected)
-    assert usual.mean_of_others(0) == pytest.approx(usual.values[1:5, :, 0].mean(axis=0))
+def test_outlier_is_named_and_excluded(population):
+    assert population.fits.tolist() == [True] * 5 + [False]
+    assert population.names[5] == "odd"
+    assert population.reasons[5]
+    assert not any(population.reasons[:5])
+    assert population.worst_first()[0] == 5
+    expected = population.values[:5, :, 0].mean(axis=0)
+    assert population.mean() == pytest.approx(expected)
+    assert population.deviation() == pytest.approx(population.values[:5, :, 0].std(axis=0, ddof=1))
+    assert population.mean_of_others(5) == pytest.approx(expected)
+    assert population.mean_of_others(0) == pytest.approx(population.values[1:5, :, 0].mean(axis=0))
 
 
-def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
-    """Here by a judge who finds one unlike the others in every other round."""
-    look, for_good_in = PopulationSolver._evaluate, {}
+def test_repeated_outlier_stays_excluded(tmp_path, monkeypatch):
+    """A patched evaluation excludes one subject in every second round."""
+    evaluate, excluded_by_round = PopulationSolver._evaluate, {}
 
-    def strict(self, entries, fits, failures, number, for_good):
-        found = look(self, entries, fits, failures, number, for_good)
+    def strict(self, entries, fits, failures, number, stays_excluded):
+        found = evaluate(self, entries, fits, failures, number, stays_excluded)
         names = np.array([subject.name for subject in self.cohort.subjects])
-        for_good_in[number] = names[for_good].tolist()
+        excluded_by_round[number] = names[stays_excluded].tolist()
         if number % 2 == 0:
             return found
         fits = found.outliers.fits & (names != "over")
@@ -258,30 +258,30 @@ def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
     monkeypatch.setattr(PopulationSolver, "_evaluate", strict)
     settings = Settings(options=BRIEF | {"iterations": 2}, rounds=4, bound=0)
     found = five(tmp_path).registered(settings, held_out=["label"])
-    assert for_good_in == {1: [], 2: [], 3: [], 4: ["over"]}
+    assert excluded_by_round == {1: [], 2: [], 3: [], 4: ["over"]}
     assert [name for name, fits in zip(found.names, found.fits, strict=True) if not fits] == [
         "over"
     ]
     check_message(found.reasons[found.subject("over")])
 
 
-def test_the_mean_is_nearer_to_the_template_than_the_plain_one(usual):
-    assert error(usual.mean()) < 0.7 * error(usual.plain_mean())
-    assert error(usual.mean("label"), label) < error(usual.plain_mean("label"), label)
+def test_mean_is_closer_than_plain_mean(population):
+    assert error(population.mean()) < 0.7 * error(population.plain_mean())
+    assert error(population.mean("label"), label) < error(population.plain_mean("label"), label)
 
 
-def test_a_channel_that_is_held_out_tells_what_registering_is_worth(usual):
-    before, after = usual.scores("label")[:5].T
+def test_held_out_channel_improves(population):
+    before, after = population.scores("label")[:5].T
     assert (after[:4] > before[:4]).all()
-    assert usual.scores("label") == pytest.approx(usual.scores(1))
-    assert usual.scores()[:5, 1] == pytest.approx(usual.correlation[:5])
+    assert population.scores("label") == pytest.approx(population.scores(1))
+    assert population.scores()[:5, 1] == pytest.approx(population.correlation[:5])
 
 
-def test_fields_are_those_that_made_the_subjects(usual, kept):
-    """Up to the direction in which the function does not change, by how far points are off."""
-    for i, name in enumerate(usual.names[:4]):
-        drift = Flow(MESH, -usual.drift).point_map()
-        found = abfm.load(kept.folder / "out" / f"{usual.digests[i]}.npz")
+def test_fields_recover_generating_flows(population, population_folder):
+    """Errors of points are compared, up to directions in which the function is constant."""
+    for i, name in enumerate(population.names[:4]):
+        drift = Flow(MESH, -population.drift).point_map()
+        found = abfm.load(population_folder.folder / "out" / f"{population.digests[i]}.npz")
         places = drift.followed_by(found.points).positions
         truth = Flow(MESH, FIELDS[name]).point_map(inverse=True).positions
         off, moved = (
@@ -290,44 +290,46 @@ def test_fields_are_those_that_made_the_subjects(usual, kept):
         assert off < 0.7 * moved
 
 
-def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
-    again = kept.registered(held_out=["label"])
+def test_repeated_run_solves_only_missing_rows(population_folder, population, solved):
+    again = population_folder.registered(held_out=["label"])
     assert registered(solved) == []
-    result = kept.folder / "out" / f"{usual.digests[2]}.npz"
+    result = population_folder.folder / "out" / f"{population.digests[2]}.npz"
     content = result.read_bytes()
     result.unlink()
-    third = kept.registered(held_out=["label"])
+    third = population_folder.registered(held_out=["label"])
     assert registered(solved) == ["over"]
     assert result.read_bytes() == content
-    assert not list((kept.folder / "out" / "targets").glob("tmp*"))
+    assert not list((population_folder.folder / "out" / "targets").glob("tmp*"))
     for other in (again, third):
-        other.save(kept.folder / "other.npz")
-        usual.save(kept.folder / "usual.npz")
-        one, two = ((kept.folder / f"{name}.npz").read_bytes() for name in ("usual", "other"))
+        other.save(population_folder.folder / "other.npz")
+        population.save(population_folder.folder / "usual.npz")
+        one, two = (
+            (population_folder.folder / f"{name}.npz").read_bytes() for name in ("usual", "other")
+        )
         assert one == two
 
 
 @pytest.mark.parametrize("at_edges", [False, True])
-def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, at_edges):
-    """As to workers that see no folder; also of a subject without a channel that is held out."""
-    out, first = kept.folder / "out", kept.subjects[0]
+def test_sent_files_give_the_same_transfer(population_folder, population, at_edges):
+    """Workers without access to the files give equal values, also without a held-out channel."""
+    out, first = population_folder.folder / "out", population_folder.subjects[0]
     mask, drift = "expression:1 + 0.5*x", next((out / "targets").glob("round-2-drift-*.npy"))
     one = SubjectTransfer(
         replace(first, functions=(first.functions[0], ""), mask=mask),
-        str(kept.template),
-        registration=str(out / f"{usual.digests[0]}.npz"),
+        str(population_folder.template),
+        registration=str(out / f"{population.digests[0]}.npz"),
         drift=str(drift),
         at_edges=at_edges,
     )
     task = WorkItem(one)
-    here, whole = attempt(task).value, with_contents(task)
-    assert len(whole.contents) == 4
-    moved = [path.rename(path.with_suffix(".moved")) for path in map(Path, whole.contents)]
+    here, with_files = attempt(task).value, with_contents(task)
+    assert len(with_files.contents) == 4
+    moved = [path.rename(path.with_suffix(".moved")) for path in map(Path, with_files.contents)]
     try:
         assert attempt(task).needs_contents
-        sent = attempt(whole).value
+        sent = attempt(with_files).value
     finally:
-        for path, name in zip(moved, whole.contents, strict=True):
+        for path, name in zip(moved, with_files.contents, strict=True):
             path.rename(name)
     for ends in ("before", "after"):
         found, other = getattr(here, ends), getattr(sent, ends)
@@ -338,51 +340,53 @@ def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, at_edges)
     assert here.after.mask.min() < 0.9 < 1.1 < here.after.mask.max()
 
 
-def test_the_order_of_subjects_says_nothing(kept, usual, solved):
+def test_order_of_subjects_changes_no_result(population_folder, population, solved):
     order = [3, 5, 0, 4, 1, 2]
-    other = kept.registered(held_out=["label"], order=order)
+    other = population_folder.registered(held_out=["label"], order=order)
     assert registered(solved) == []
-    assert other.names == tuple(usual.names[i] for i in order)
+    assert other.names == tuple(population.names[i] for i in order)
     for name in ("values", "before", "masks", "fits", "numbers", "weights"):
-        one, two = getattr(usual, name), getattr(other, name)
+        one, two = getattr(population, name), getattr(other, name)
         assert np.array_equal(one[order], two, equal_nan=name not in ("fits",))
-    assert np.array_equal(usual.mean(), other.mean()) or usual.mean() == pytest.approx(
+    assert np.array_equal(population.mean(), other.mean()) or population.mean() == pytest.approx(
         other.mean(), abs=1e-14
     )
-    assert np.array_equal(usual.drift, other.drift)
+    assert np.array_equal(population.drift, other.drift)
 
 
-def test_files_keep_it(usual, tmp_path):
+def test_saved_population_is_loaded_equal(population, tmp_path):
     path = tmp_path / "p.npz"
-    usual.save(path)
+    population.save(path)
     found = load(path)
-    for name, value in vars(usual).items():
+    for name, value in vars(population).items():
         if isinstance(value, np.ndarray):
             assert np.array_equal(getattr(found, name), value, equal_nan=value.dtype.kind == "f")
         elif name != "template":
             assert getattr(found, name) == value
     assert np.array_equal(found.template.faces, MESH.faces)
-    assert found.phase_and_amplitude() == usual.phase_and_amplitude()
+    assert found.phase_and_amplitude() == population.phase_and_amplitude()
     values = found.values.copy()
     with np.load(path) as file:
         np.savez_compressed(tmp_path / "packed.npz", **file)
     assert np.array_equal(load(tmp_path / "packed.npz").values, values, equal_nan=True)
-    replace(usual, values=2 * values).save(path)  # its values may still be in the file before
+    replace(population, values=2 * values).save(
+        path
+    )  # the loaded values may be mapped from the old file
     assert np.array_equal(found.values, values, equal_nan=True)
 
 
-def test_it_does_not_change(usual):
+def test_population_is_immutable(population):
     with pytest.raises(ValueError, match="read-only"):
-        usual.values[0, 0, 0] = 1
+        population.values[0, 0, 0] = 1
     with pytest.raises(AttributeError):
-        usual.fits = None
+        population.fits = None
 
 
-def test_damaged_files_are_told(usual, tmp_path):
+def test_damaged_files_are_refused(population, tmp_path):
     path = tmp_path / "p.npz"
-    usual.save(path)
+    population.save(path)
     content = path.read_bytes()
-    place = content.index(usual.values[2].tobytes())
+    place = content.index(population.values[2].tobytes())
     changed = content[: place + 9] + bytes([content[place + 9] ^ 1]) + content[place + 10 :]
     for damaged in (content[:10], content[:2000], content[:-300], changed):
         path.write_bytes(damaged)
@@ -390,16 +394,16 @@ def test_damaged_files_are_told(usual, tmp_path):
             load(path, Population)
 
 
-def test_unknown_names_are_told(usual):
+def test_unknown_names_are_refused(population):
     with raises(ParameterError, "pluss", "plus"):
-        usual.subject("pluss")
-    assert usual.subject("minus") == 1
+        population.subject("pluss")
+    assert population.subject("minus") == 1
     for channel in ("depth", 2, -1):
         with raises(ParameterError):
-            usual.mean(channel)
+            population.mean(channel)
 
 
-def test_a_turned_surface_has_the_same_population(tmp_path):
+def test_rotated_surface_has_the_same_population(tmp_path):
     turn = Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix()
     turned = TriangleMesh(3 * MESH.vertices @ turn.T, MESH.faces)
     found = []
@@ -414,7 +418,7 @@ def test_a_turned_surface_has_the_same_population(tmp_path):
     assert one.log2_area == pytest.approx(other.log2_area, rel=0.05)
 
 
-def test_weights_are_how_much_subjects_count(tmp_path):
+def test_subject_weights_change_the_mean(tmp_path):
     place = Place(tmp_path)
     for name, weight in (("plus", 3.0), ("minus", 1.0), ("still", 0.0)):
         place.add(name, pushed(FIELDS[name], height), weight=weight)
@@ -422,15 +426,15 @@ def test_weights_are_how_much_subjects_count(tmp_path):
     expected = (3 * found.values[0, :, 0] + found.values[1, :, 0]) / 4
     assert found.mean() == pytest.approx(expected)
     assert found.fits.all()
-    assert np.isfinite(found.correlation).all()  # also of the one that counts nothing
-    # nearer to the one that counts more: 3/4 of plus, 1/4 of minus
+    assert np.isfinite(found.correlation).all()  # also for the subject of weight 0
+    # closer to the subject with the larger weight: 3/4 of plus, 1/4 of minus
     middle = pushed(0.5 * FIELDS["plus"], height)
     assert np.mean((found.mean() - middle) ** 2) < np.mean(
         (found.mean() - height(MESH.vertices)) ** 2
     )
 
 
-def test_where_a_subject_is_unknown_it_counts_nothing(tmp_path):
+def test_unknown_values_of_a_subject_are_ignored(tmp_path):
     place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
     for name in ("a", "b", "c", "d"):
         values = {"height": height(MESH.vertices), "label": label(MESH.vertices)}
@@ -448,7 +452,7 @@ def test_where_a_subject_is_unknown_it_counts_nothing(tmp_path):
     assert np.isfinite(found.scores("label")).all()
 
 
-def test_where_the_template_is_unknown_nothing_is_compared(tmp_path):
+def test_unknown_values_of_the_template_are_ignored(tmp_path):
     place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
     own = place.file("own", np.where(hidden, np.nan, height(MESH.vertices)))
     for name in ("a", "b"):
@@ -458,7 +462,7 @@ def test_where_the_template_is_unknown_nothing_is_compared(tmp_path):
     assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
 
 
-def test_who_is_known_together_nowhere_is_told(tmp_path):
+def test_disjoint_channels_exclude_a_subject(tmp_path):
     place, upper = Place(tmp_path), MESH.vertices[:, 2] > 0
     for name in "abc":
         place.add(name, height(MESH.vertices), label(MESH.vertices))
@@ -469,7 +473,7 @@ def test_who_is_known_together_nowhere_is_told(tmp_path):
     check_message(found.reasons[3])
 
 
-def test_vertices_of_the_template_that_do_not_count(tmp_path):
+def test_masked_template_vertices_are_ignored(tmp_path):
     place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
     mask = place.file("mask", np.where(hidden, 0.0, 1.0))
     for seed, name in enumerate(("a", "b", "c")):
@@ -480,7 +484,7 @@ def test_vertices_of_the_template_that_do_not_count(tmp_path):
     assert found.correlation == pytest.approx(1, abs=0.01)
 
 
-def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
+def test_other_surfaces_use_initial_maps(tmp_path):
     place, other = Place(tmp_path), even_sphere(250)
     surface = tmp_path / "other.ply"
     write_surface(surface, other)
@@ -495,15 +499,15 @@ def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
 
 
 @pytest.mark.parametrize(("word", "needs"), [("embedding", "functions"), ("landmarks", "landm")])
-def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path, word, needs):
+def test_initial_map_without_functions_is_refused(tmp_path, word, needs):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
     with raises(ParameterError, word, "--channel"):
         place.registered(Settings(initial=word))
 
 
 @pytest.mark.parametrize("word", ["embedding", "landmarks"])
-def test_landmarks_find_initial_maps_without_the_templates_functions(tmp_path, word):
-    """Of surfaces that were turned, so that nothing else tells how they lie."""
+def test_landmarks_replace_functions_of_the_template(tmp_path, word):
+    """The surfaces are rotated, so that only the landmarks determine the initial map."""
     place, other = Place(tmp_path, icosphere(2)), even_sphere(120)
     turn = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
     surface, marks = tmp_path / "other.ply", tmp_path / "marks.csv"
@@ -521,8 +525,8 @@ def test_landmarks_find_initial_maps_without_the_templates_functions(tmp_path, w
     assert (found.landmarks < 0.05).all()
 
 
-def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
-    """Functions of height alone do not tell of a turn about the vertical, which landmarks do."""
+def test_landmarks_determine_rotation(tmp_path, solved):
+    """Functions of the height are invariant under a rotation about the vertical."""
     place, axis = Place(tmp_path), np.array([0.0, 0.0, 1.0])
     turn = Rotation.from_rotvec(0.25 * axis).as_matrix()
     near = np.argsort(np.abs(MESH.vertices[:, 2]), kind="stable")[:60:6]
@@ -539,7 +543,7 @@ def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
     assert np.isnan(found.landmarks).tolist() == [True, False]
     assert found.landmarks[1] < 0.01
     assert found.displacement[1] > 0.02
-    # what is in the file counts, not its name
+    # the content of the file matters, not its name
     solved.clear()
     mark(MESH.vertices[near])
     other = place.registered(own)
@@ -547,8 +551,8 @@ def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
     assert other.displacement[1] < 0.1 * found.displacement[1]
 
 
-def test_eigenfunctions_find_the_first_target_without_the_templates_functions(tmp_path):
-    """On surfaces that are no spheres, so that there is one way to lay them on each other."""
+def test_spectral_initial_maps_need_no_functions(tmp_path):
+    """The surfaces are not spheres, so that the initial map is unique."""
     ball = even_sphere(80)
     x, y, z = ball.vertices.T
     sizes = np.stack([1 + 0.3 * z, 1.4 + 0.2 * x, 2 + 0 * y], axis=1)
@@ -559,8 +563,8 @@ def test_eigenfunctions_find_the_first_target_without_the_templates_functions(tm
     assert np.std(found.mean() - height(ball.vertices)) < 0.1 * np.std(height(ball.vertices))
 
 
-def test_weights_of_channels_say_which_of_them_subjects_follow(tmp_path):
-    """Two channels tell of opposite motions; the one that weighs more is followed."""
+def test_heavier_channel_is_matched(tmp_path):
+    """Two channels describe opposite motions; the one with the larger weight is matched."""
     place, still = Place(tmp_path), pushed(FIELDS["still"], height)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height), pushed(-FIELDS[name], label))
@@ -579,14 +583,14 @@ def test_weights_of_channels_say_which_of_them_subjects_follow(tmp_path):
     for follows, does_not in left:
         assert follows < 0.5 * does_not
     assert first.channel_weights.tolist() == [1, 1e-3]
-    # how like the others it is counts channels alike
+    # the similarity uses the same weights
     scores = np.stack([first.scores(c)[:, 1] for c in range(2)])
     assert first.correlation == pytest.approx(np.average(scores, axis=0, weights=[1, 1e-3]))
     rows = Ledger(place.folder / "out").read_rows()[1]
     assert [each[0] for each in rows[0].row.options].count("channel") == 2
 
 
-def test_weights_that_say_nothing_change_no_row(tmp_path, solved):
+def test_channel_weight_1_changes_no_row(tmp_path, solved):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
     place.registered(Settings(options=BRIEF, rounds=1))
     solved.clear()
@@ -594,7 +598,7 @@ def test_weights_that_say_nothing_change_no_row(tmp_path, solved):
     assert registered(solved) == []
 
 
-def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
+def test_failed_transfer_excludes_a_subject(tmp_path):
     place, gone = Place(tmp_path), f"file:{tmp_path}/gone.npy"
     for name in "abc":
         place.add(name, height(MESH.vertices), label(MESH.vertices))
@@ -615,7 +619,7 @@ def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
         ({"weights": {"heigth": 2.0}}, "height"),
     ],
 )
-def test_functions_and_weights_are_those_of_channels(tmp_path, settings, named):
+def test_settings_of_unknown_channels_are_refused(tmp_path, settings, named):
     place = Place(tmp_path)
     for name in "ab":
         place.add(name, height(MESH.vertices), label(MESH.vertices))
@@ -635,50 +639,48 @@ def test_functions_and_weights_are_those_of_channels(tmp_path, settings, named):
         ({"weights": {"height": "2"}}, (2, "height")),
     ],
 )
-def test_settings_are_checked(settings, named):
+def test_invalid_settings_are_refused(settings, named):
     with raises(ParameterError, *named):
         Settings(**settings)
 
 
-def test_who_cannot_be_registered_is_told_and_stops_nobody(tmp_path):
+def test_failed_registration_excludes_a_subject(tmp_path):
     place = Place(tmp_path)
     for name in "abc":
         place.add(name, height(MESH.vertices))
     place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
-    told = []
-    found = place.registered(on_change=told.append)
+    changed = []
+    found = place.registered(on_change=changed.append)
     assert found.fits.tolist() == [True, True, True, False]
     check_message(found.reasons[3])
     assert "gone.npy" in found.reasons[3]
     assert found.digests[3] == ""
     assert np.isnan(found.values[3]).all()
-    assert all(isinstance(entry, LedgerEntry) for entry in told)
-    assert [entry.row.name for entry in told if entry.reason] == ["gone"]
+    assert all(isinstance(entry, LedgerEntry) for entry in changed)
+    assert [entry.row.name for entry in changed if entry.reason] == ["gone"]
 
 
-def test_of_one_subject_there_is_no_population(tmp_path):
+def test_one_registered_subject_is_refused(tmp_path):
     place = Place(tmp_path).add("a", height(MESH.vertices))
     place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
     with raises(AbfmError, 1, 2):
         place.registered(Settings({"height": "coordinate:x"}, options=BRIEF))
 
 
-def test_it_ends_when_asked_and_goes_on_later(tmp_path, solved):
+def test_cancelled_run_resumes(tmp_path, solved):
     place, control = Place(tmp_path), Control()
     for name in ("plus", "minus", "still"):
         place.add(name, pushed(FIELDS[name], height))
     with pytest.raises(CancelledError):
         place.registered(on_change=lambda entry: control.cancel(), control=control)
-    assert len(solved) == 4  # three of them to find the first target
+    assert len(solved) == 4  # three transfers for the first target, and one registration
     found = place.registered(Settings(options=BRIEF, rounds=1))
     assert sorted(registered(solved)) == ["minus", "plus", "still"]
     assert found.fits.all()
 
 
-def test_noise_is_value_and_not_position(tmp_path):
-    """As told between vertices, before and after: at vertices, where a map's interpolation would
-    take half of it, that half would pass for position.
-    """
+def test_noise_is_amplitude_and_not_phase(tmp_path):
+    """Interpolation at vertices would remove half of the noise, which would count as phase."""
     place, noise = Place(tmp_path), 0.3
     moved = ["plus", "minus", "plus", "minus"]
     for seed, name in enumerate(moved):
@@ -690,10 +692,12 @@ def test_noise_is_value_and_not_position(tmp_path):
     position = np.average(clean.var(axis=0), weights=vertex_areas(MESH))
     of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
     assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
-    assert 0.7 * position < phase.phase < 1.1 * position  # registering leaves some of it
+    assert (
+        0.7 * position < phase.phase < 1.1 * position
+    )  # the registration does not remove all of it
 
 
-def test_registrations_come_no_closer_than_noise(tmp_path):
+def test_goal_is_at_least_the_noise(tmp_path):
     rng, path = np.random.default_rng(0), tmp_path / "template.ply"
     write_surface(path, MESH)
     smooth, texts = height(MESH.vertices), {}
@@ -706,9 +710,9 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
     def options(level, settings):
         subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts[level]))
         cohort = Cohort((Channel("height"),), subjects)
-        work = PopulationSolver(cohort, path, tmp_path / "out", settings, Workers())
+        solver = PopulationSolver(cohort, path, tmp_path / "out", settings, Workers())
         target = Target(smooth[None], np.ones(len(smooth)))
-        return dict(work.rows(target, 1)[0].options)
+        return dict(solver.rows(target, 1)[0].options)
 
     assert "goal" not in options(0.0, Settings())
     values = np.load(tmp_path / "0-0.2.npy")
@@ -719,7 +723,7 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_path):
+def test_goal_of_pure_noise_is_at_most_1(tmp_path):
     rng, path = np.random.default_rng(0), tmp_path / "template.ply"
     write_surface(path, MESH)
     noisy = rng.standard_normal((2, len(MESH.vertices)))
@@ -736,8 +740,8 @@ def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_
     assert goal(texts[2], texts[2]) == abfm.Parameters.goal
 
 
-def test_values_under_a_mask_of_0_change_no_bit(tmp_path):
-    """Junk where the mask hides it, in the files of all subjects."""
+def test_masked_values_change_no_bit(tmp_path):
+    """Arbitrary values below the mask of all subjects change no result."""
     hidden = MESH.vertices[:, 0] < -0.4
 
     def registered(name, junk):

@@ -1,4 +1,4 @@
-"""Means, deviations and their parts against NumPy, and against what is known of them."""
+"""Means, deviations and parts of the variance, compared with NumPy and with exact values."""
 
 import math
 from unittest.mock import Mock
@@ -33,26 +33,26 @@ def moments(values, shares=None):
     return found
 
 
-def test_equal_shares_are_numpys_mean_and_deviation():
+def test_equal_shares_equal_numpy():
     assert mean(VALUES, 3 * ONES) == pytest.approx(VALUES.mean(axis=0))
     assert deviation(VALUES, 3 * ONES) == pytest.approx(VALUES.std(axis=0, ddof=1))
 
 
-def test_shares_are_those_of_each_vertex():
+def test_shares_differ_between_vertices():
     shares = RNG.uniform(0, 2, VALUES.shape) * (RNG.uniform(size=VALUES.shape) < 0.9)
     assert mean(VALUES, shares) == pytest.approx(
         [np.average(VALUES[:, v], weights=shares[:, v]) for v in range(40)]
     )
 
 
-def test_variances_of_unequal_shares_are_unbiased():
-    """On average over many samples of variance 1, whatever the shares."""
+def test_variance_of_unequal_shares_is_unbiased():
+    """The mean estimate over many samples of variance 1 is 1 for any shares."""
     many = RNG.normal(size=(4, 200_000))
     shares = np.array([0.2, 1.0, 2.0, 5.0])[:, None] * np.ones_like(many)
     assert (deviation(many, shares) ** 2).mean() == pytest.approx(1, abs=0.02)
 
 
-def test_what_has_no_share_is_not_looked_at():
+def test_values_with_share_0_are_ignored():
     values, shares = VALUES.copy(), ONES.copy()
     values[0, :10], shares[0, :10] = np.nan, 0
     values[2, 3], shares[2, 3] = np.inf, 0
@@ -60,7 +60,8 @@ def test_what_has_no_share_is_not_looked_at():
     assert deviation(values, shares)[5:10] == pytest.approx(VALUES[1:, 5:10].std(axis=0, ddof=1))
 
 
-def test_what_nobody_or_one_alone_knows_has_no_mean_or_no_deviation():
+def test_too_few_shares_give_nan():
+    """The mean needs one share at a vertex, the deviation two."""
     shares = ONES.copy()
     shares[:, 0], shares[1:, 1] = 0, 0
     assert math.isnan(mean(VALUES, shares)[0])
@@ -69,9 +70,9 @@ def test_what_nobody_or_one_alone_knows_has_no_mean_or_no_deviation():
     assert np.isfinite(deviation(VALUES, shares)[2:]).all()
 
 
-def test_means_of_others_leave_one_out():
+def test_mean_of_others_excludes_the_subject():
     shares = RNG.uniform(0, 2, VALUES.shape)
-    shares[:, 7], shares[3, 7] = 0, 1  # known of one alone
+    shares[:, 7], shares[3, 7] = 0, 1  # only one subject is known
     others = LeaveOneOut.of(VALUES, shares)
     for i in range(len(VALUES)):
         rest = np.arange(len(VALUES)) != i
@@ -80,32 +81,32 @@ def test_means_of_others_leave_one_out():
     assert math.isnan(others.without(3)[7])
 
 
-def test_correlations_are_weighed_by_areas_of_what_is_known():
+def test_correlation_is_weighted_by_known_areas():
     f, g = VALUES[:2].copy()
-    f[:5], seen = np.nan, AREAS.copy()
-    seen[-3:] = 0
-    kept = slice(5, -3)
-    covariance = np.cov(f[kept], g[kept], aweights=AREAS[kept])
+    f[:5], areas = np.nan, AREAS.copy()
+    areas[-3:] = 0
+    known = slice(5, -3)
+    covariance = np.cov(f[known], g[known], aweights=AREAS[known])
     expected = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
-    assert correlation(f, g, seen) == pytest.approx(expected)
-    assert correlation(3 + 2 * f, -g, seen) == pytest.approx(-expected)
+    assert correlation(f, g, areas) == pytest.approx(expected)
+    assert correlation(3 + 2 * f, -g, areas) == pytest.approx(-expected)
 
 
 @pytest.mark.parametrize("constant", [0.0, 0.1, 1e9])
-def test_constants_correlate_with_nothing(constant):
+def test_constants_have_no_correlation(constant):
     assert math.isnan(correlation(np.full(40, constant), VALUES[0], AREAS))
     assert math.isnan(relative_distance(VALUES[0], np.full(40, constant), AREAS))
 
 
-def test_distances_are_in_deviations_of_the_second():
+def test_distance_is_relative_to_deviation():
     f, g = VALUES[:2]
     expected = np.average((f - g) ** 2, weights=AREAS) / np.cov(g, aweights=AREAS, ddof=0)
     assert relative_distance(f, g, AREAS) == pytest.approx(math.sqrt(expected))
     assert relative_distance(10 * f, 10 * g, AREAS) == pytest.approx(math.sqrt(expected))
 
 
-def test_the_variance_is_position_and_value():
-    """A sum, whatever the functions are."""
+def test_phase_and_amplitude_add_up_to_variance():
+    """The sum is exact for any functions."""
     x, y = RNG.normal(size=(2, 5, 40))
     shares = RNG.uniform(0, 1, x.shape)
     part = phase_and_amplitude(moments(x, shares), moments(y), AREAS)
@@ -115,10 +116,8 @@ def test_the_variance_is_position_and_value():
     assert part.phase + part.amplitude == pytest.approx(part.total)
 
 
-def test_shifts_of_one_function_are_position_alone():
-    """Waves shifted by plus and minus s: their variance is ``1/2 sin(s)^2``, and nothing is left
-    once they are aligned.
-    """
+def test_shifts_are_phase_only():
+    """Waves shifted by plus and minus s have variance ``1/2 sin(s)^2``, 0 after alignment."""
     shift = 0.4
     x = np.stack([np.sin(ANGLES + shift), np.sin(ANGLES - shift)])
     part = phase_and_amplitude(moments(x), moments(np.stack([np.sin(ANGLES)] * 2)), np.ones(400))
@@ -128,15 +127,15 @@ def test_shifts_of_one_function_are_position_alone():
     assert part.factor == pytest.approx(1)
 
 
-def test_heights_of_one_function_are_value_alone():
+def test_heights_are_amplitude_only():
     x = np.outer([0.5, 1.0, 1.5], np.sin(ANGLES))
     part = phase_and_amplitude(moments(x), moments(x), np.ones(400))
     assert part.amplitude == pytest.approx(part.total) == pytest.approx(0.5 * np.var([0.5, 1, 1.5]))
     assert part.phase == pytest.approx(0, abs=1e-12)
 
 
-def test_shifts_and_heights_are_told_apart():
-    """Of ``h sin(t + s)``, with independent shifts and heights, the value is ``1/2 var h``."""
+def test_shifts_and_heights_are_separated():
+    """For ``h sin(t + s)`` with independent h and s, the amplitude is ``1/2 var h``."""
     heights, shifts = np.array([0.8, 1.2]), np.array([-0.3, 0.3])
     x = np.stack([h * np.sin(ANGLES + s) for h in heights for s in shifts])
     y = np.stack([h * np.sin(ANGLES) for h in heights for _ in shifts])
@@ -145,7 +144,7 @@ def test_shifts_and_heights_are_told_apart():
     assert part.phase == pytest.approx(0.5 * math.sin(0.3) ** 2)  # the mean height is 1
 
 
-def test_points_that_are_not_known_both_before_and_after_are_left_out():
+def test_only_points_known_before_and_after_count():
     x = np.outer([0.5, 1.5], np.sin(ANGLES))
     shares = np.ones_like(x)
     shares[:, :200] = 0
@@ -156,12 +155,12 @@ def test_points_that_are_not_known_both_before_and_after_are_left_out():
     assert all(map(math.isnan, nowhere))
 
 
-def test_without_variance_there_are_no_parts():
+def test_no_variance_has_no_parts():
     x = np.stack([np.sin(ANGLES)] * 3)
     assert phase_and_amplitude(moments(x), moments(x), np.ones(400))[:3] == (0, 0, 0)
 
 
-def test_stacks_are_kept_in_a_file_that_goes_with_them(tmp_path):
+def test_array_stack_uses_a_temporary_file(tmp_path):
     stack = ArrayStack(tmp_path)
     for values in VALUES:
         stack.add(values)

@@ -1,4 +1,4 @@
-"""The table of subjects."""
+"""Tables of subjects."""
 
 import pytest
 from hypothesis import given
@@ -17,7 +17,7 @@ def written(folder, text):
     return path
 
 
-def test_a_table_names_files_and_functions_beside_it(tmp_path):
+def test_paths_are_relative_to_the_table(tmp_path):
     (tmp_path / "a, b.npy").touch()
     text = (
         "Name;surface;sulc;held-out:label;MASK;weight;Landmarks\n"
@@ -39,7 +39,7 @@ def test_a_table_names_files_and_functions_beside_it(tmp_path):
     assert two == Subject("two", ("gaussian:vertex=3,width=0.1", ""))
 
 
-def test_rows_without_a_name_have_their_number(tmp_path):
+def test_unnamed_rows_are_numbered(tmp_path):
     found = read_subjects(written(tmp_path, "f\ncoordinate:y\ncoordinate:x\n"))
     assert [each.name for each in found.subjects] == ["row 1", "row 2"]
 
@@ -68,12 +68,12 @@ def test_rows_without_a_name_have_their_number(tmp_path):
         ("name,f\no\u200bne,coordinate:x\ntwo,coordinate:x\n", ("subject",)),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path, text, named):
+def test_invalid_tables_are_refused(tmp_path, text, named):
     with raises(ParameterError, "table.csv", *named):
         read_subjects(written(tmp_path, text))
 
 
-def test_a_table_that_is_not_there_or_no_text_is_told(tmp_path):
+def test_missing_or_binary_table_is_refused(tmp_path):
     with raises(ParameterError):
         read_subjects(tmp_path / "none.csv")
     path = tmp_path / "latin.csv"
@@ -82,7 +82,7 @@ def test_a_table_that_is_not_there_or_no_text_is_told(tmp_path):
         read_subjects(path)
 
 
-def test_each_subject_has_all_channels():
+def test_subject_needs_all_channels():
     channels = (Channel("f"), Channel("g"))
     with raises(ParameterError, 1, 2):
         Cohort(
@@ -92,7 +92,7 @@ def test_each_subject_has_all_channels():
 
 
 @given(st.text(alphabet='nameweightf,;\t\n" 0123456789.:-é', max_size=80))
-def test_any_text_is_a_table_or_is_refused(text):
+def test_any_text_is_read_or_refused(text):
     refused = ""
     try:
         found = _cohort(text, "/nowhere")

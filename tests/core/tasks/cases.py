@@ -1,4 +1,4 @@
-"""A small task of each kind, as the columns of a table."""
+"""A small task of each type, as inputs by name."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BRIEF = {"refine": 0, "iterations": 6, "levels": 1}
 
 
 def bump(angle: float) -> np.ndarray:
-    """A function on the sphere, turned about z."""
+    """Return a function on the sphere, rotated about z."""
     x, y, z = MESH.vertices.T
     along = x * np.cos(angle) + y * np.sin(angle)
     return np.exp(-((1 - along) ** 2 + z**2) / 0.3) + 0.2 * along * z
@@ -68,11 +68,11 @@ CASES: dict[type[Task], Callable[[Path], dict[str, Any]]] = {
     SequenceTask: _sequence,
     PopulationTask: _population,
 }
-"""Returns the inputs of a task by name, after writing its files into a folder."""
+"""Functions that write the files of a task to a folder and return its inputs by name."""
 
 
 class Case:
-    """A kind of task with inputs of its own, and its result."""
+    """A task of one type with its inputs and its result."""
 
     def __init__(self, kind: type[Task], folder: Path) -> None:
         self.kind, self.folder = kind, folder
@@ -81,14 +81,14 @@ class Case:
         self.found = self.task().solve(self.monitor(folder / "out", self.partial.append))
 
     def row(self, **changes: Any) -> Row:
-        """The row of its inputs, with changes; None leaves one out."""
+        """Return the row of the inputs with changes; None removes an input."""
         return Row("one", self.inputs | changes, self.folder, self.kind)
 
     def task(self, **changes: Any) -> Task:
         return self.row(**changes).task()
 
     def monitor(self, place: Path, on_partial: Callable[[Any], object] = lambda _: None) -> Monitor:
-        """A monitor with a checkpoint in a folder of its own."""
+        """Return a monitor with a checkpoint in a separate folder."""
         place.mkdir(exist_ok=True)
         checkpoint = place if self.kind is PopulationTask else place / "result.npz"
         return Monitor(on_partial=on_partial, checkpoint=checkpoint)

@@ -1,4 +1,4 @@
-"""What every kind of task promises: the same tests for all of them."""
+"""Properties that every type of task has; the same tests run for all types."""
 
 import json
 import pickle
@@ -34,7 +34,7 @@ def case(request, tmp_path_factory):
 
 @pytest.fixture
 def saved(case, tmp_path):
-    """The file of its result."""
+    """Return the file of the result."""
     case.found.save(tmp_path / "result.npz")
     return tmp_path / "result.npz"
 
@@ -50,7 +50,7 @@ def assert_same_arrays(one, other):
         np.testing.assert_array_equal(array, other[name], err_msg=name)
 
 
-def test_inputs_have_help_and_names_of_their_own(case):
+def test_inputs_have_help_and_unique_names(case):
     inputs = case.kind.inputs
     names = [each.name for each in inputs]
     assert all(each.help for each in inputs)
@@ -72,8 +72,8 @@ def test_unknown_inputs_are_refused(case):
 
 
 @pytest.mark.parametrize(("name", "value"), [("alpha", -1), ("alpha", "much"), ("mask", " ")])
-def test_values_that_do_not_fit_are_refused(case, name, value):
-    if name == "mask":  # an empty cell is one that is not given
+def test_invalid_values_are_refused(case, name, value):
+    if name == "mask":  # an empty cell counts as not given
         assert case.row(mask=value).key == case.row().key
         return
     with raises(ParameterError, "alpha"):
@@ -95,7 +95,7 @@ def test_digest_depends_on_values_and_contents_alone(case, tmp_path):
     again = Case.__new__(Case)
     again.kind, again.folder = case.kind, tmp_path / "moved"
     again.inputs = CASES[case.kind](again.folder)
-    if case.kind is not PopulationTask:  # its table names files
+    if case.kind is not PopulationTask:  # its table contains paths
         assert again.task().digest == digest
 
 
@@ -120,10 +120,10 @@ def test_solving_again_gives_the_same_bits(case, saved, tmp_path):
 
 
 def test_partial_results_are_reported(case):
-    assert case.partial or case.kind is PopulationTask  # whose rows are solved by processes
+    assert case.partial or case.kind is PopulationTask  # other processes solve its rows
 
 
-def test_saved_and_loaded_it_is_the_same(case, saved, tmp_path):
+def test_saved_result_is_loaded_equal(case, saved, tmp_path):
     loaded = abfm.load(saved)
     assert type(loaded) is type(case.found)
     assert loaded.facts == case.found.facts
@@ -186,7 +186,7 @@ def test_cancelled_task_keeps_the_best_result(case, tmp_path):
 
 def test_checkpoint_resumes_to_the_same_bits(case, saved, tmp_path):
     if case.kind not in (SequenceTask, PopulationTask):
-        return  # others are short, and resume as rows of a table
+        return  # other tasks are short and have no checkpoint
     notes, first = [], case.monitor(tmp_path / "out", lambda _: first.control.cancel())
     if case.kind is SequenceTask:
         case.task().solve(first)
@@ -201,7 +201,7 @@ def test_checkpoint_resumes_to_the_same_bits(case, saved, tmp_path):
 
 def test_row_of_a_table_gives_the_same_result(case, saved, tmp_path):
     if case.kind.kind not in KINDS:
-        return  # populations make tables themselves
+        return  # a population is not a row of a table
     [entry] = run([case.row(task=case.kind.kind)], tmp_path / "out", Cluster(jobs=1))
     assert entry.path is not None, entry.reason
     assert entry.facts.outcome is case.found.facts.outcome

@@ -1,4 +1,4 @@
-"""The page of a sequence: frames, what is carried between them, path lines, critical points."""
+"""Pages of sequences: frames, interpolated frames, arrows, path lines and critical points."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ COUNT = 5
 
 @pytest.fixture(scope="module")
 def sequence():
-    """A bump that turns about the axis z by 10 degrees a frame."""
+    """Return a bump that rotates about the axis z by 10 degrees in each interval."""
     mesh = icosphere(3)
     angles = np.radians(10.0 * np.arange(COUNT))
     middles = np.stack([np.cos(angles), np.sin(angles), np.zeros(COUNT)], axis=1)
@@ -34,17 +34,18 @@ def page(sequence):
     return sequence_page(sequence, "a bump", Labels(["potential"], "mV", "s", "z"))
 
 
-def test_its_colours_are_the_frames_and_what_is_carried_between_them(sequence, page):
+def test_colors_are_frames_and_interpolated_frames(sequence, page):
     layer = page.panels[0].layers[0]
     assert (layer.name, layer.unit, page.clock.unit) == ("potential", "mV", "s")
     assert len(layer.times) == 4 * (COUNT - 1) + 1
     np.testing.assert_allclose(layer.values[::4], sequence.frames[:, :, 0], atol=1e-12)
     between = 7
-    carried = sequence.at(float(layer.times[between]))
-    np.testing.assert_allclose(layer.values[between], carried, atol=1e-12)
+    interpolated = sequence.at(float(layer.times[between]))
+    np.testing.assert_allclose(layer.values[between], interpolated, atol=1e-12)
 
 
-def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(sequence, page):
+def test_other_layers_are_divergence_and_curl(sequence, page):
+    """Their times are the midpoints of intervals."""
     names = [layer.name for layer in page.panels[0].layers]
     assert names == ["potential", "divergence", "curl"]
     for layer, values in zip(
@@ -55,21 +56,21 @@ def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(seq
         assert (layer.colors.low, layer.unit) == (-layer.colors.high, "1/s")
 
 
-def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
-    ways = page.panels[0].paths[0]
-    assert (ways.name, ways.shown, ways.disc, ways.line) == ("arrows", True, 0.0, 0.0)
+def test_arrows_show_the_field_of_each_interval(sequence, page):
+    paths = page.panels[0].paths[0]
+    assert (paths.name, paths.shown, paths.disc, paths.line) == ("arrows", True, 0.0, 0.0)
     [note] = page.notes
     check_message(note, "arrows")
     places = abfm.maps.spread_points(sequence.mesh).points[np.arange(480)]
     fast = fast_speed_of(sequence)
     for interval, velocity in enumerate(sequence.velocity):
-        mine = ways.times[:, 0] == sequence.times[interval]
-        along = ways.ends[mine] - ways.starts[mine]
-        middles = (ways.starts[mine] + ways.ends[mine]) / 2
-        apart = np.linalg.norm(middles[:, None] - places.positions, axis=2)
-        which, lengths = apart.argmin(axis=1), np.linalg.norm(along, axis=1)
+        in_interval = paths.times[:, 0] == sequence.times[interval]
+        along = paths.ends[in_interval] - paths.starts[in_interval]
+        middles = (paths.starts[in_interval] + paths.ends[in_interval]) / 2
+        distances = np.linalg.norm(middles[:, None] - places.positions, axis=2)
+        which, lengths = distances.argmin(axis=1), np.linalg.norm(along, axis=1)
         assert len(set(which)) == len(which) > 20
-        assert apart.min(axis=1).max() < 0.1 * lengths.max()  # chords of a ball
+        assert distances.min(axis=1).max() < 0.1 * lengths.max()  # arrows are chords of the sphere
         field = abfm.flow.vectors_at(sequence.mesh, velocity, places)
         speed = np.linalg.norm(field, axis=1)
         cosines = (along * field[which]).sum(axis=1) / (lengths * speed[which])
@@ -78,46 +79,46 @@ def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
         np.testing.assert_allclose(lengths / lengths.max(), relative[which], atol=0.02)
         assert relative[which].min() > 0.2
         determined = sequence.determined[interval][places.faces]
-        np.testing.assert_array_equal(ways.opacities[mine], determined[which])
+        np.testing.assert_array_equal(paths.opacities[in_interval], determined[which])
         expected = (relative > 0.21) & (determined > OPACITY_MIN)
-        assert expected.sum() == (relative[which] > 0.21).sum()  # the ball has no edge
-        np.testing.assert_allclose(np.linalg.norm(ways.starts[mine], axis=1), 1, atol=0.01)
+        assert expected.sum() == (relative[which] > 0.21).sum()  # the sphere has no boundary
+        np.testing.assert_allclose(np.linalg.norm(paths.starts[in_interval], axis=1), 1, atol=0.01)
     gaps = abfm.maps.spread_points(sequence.mesh).gaps[479] * sequence.mesh.length_scale
     assert lengths.max() < gaps
-    assert set(map(tuple, ways.times)) == set(pairwise(sequence.times))
+    assert set(map(tuple, paths.times)) == set(pairwise(sequence.times))
 
 
-def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
-    ways = page.panels[0].paths[1]
-    assert (ways.name, ways.shown) == ("path lines", False)
-    per = len(ways.starts) // (COUNT - 1)
-    starts, ends = (each.reshape(COUNT - 1, per, 3) for each in (ways.starts, ways.ends))
-    np.testing.assert_array_equal(ways.times.reshape(COUNT - 1, per, 2)[2, 0], sequence.times[2:4])
+def test_path_lines_follow_the_flow(sequence, page):
+    paths = page.panels[0].paths[1]
+    assert (paths.name, paths.shown) == ("path lines", False)
+    per = len(paths.starts) // (COUNT - 1)
+    starts, ends = (each.reshape(COUNT - 1, per, 3) for each in (paths.starts, paths.ends))
+    np.testing.assert_array_equal(paths.times.reshape(COUNT - 1, per, 2)[2, 0], sequence.times[2:4])
     is_new = np.linalg.norm(starts[1:] - ends[:-1], axis=2) > 1e-12
-    assert 0.2 < is_new.mean() * 3 < 0.6  # one in ten of each
+    assert 0.2 < is_new.mean() * 3 < 0.6  # one in ten restarts in each interval
     np.testing.assert_allclose(np.linalg.norm(ends, axis=2), 1.0, atol=0.02)
     first = abfm.maps.project_onto_surface(sequence.mesh, starts[0])
-    there = sequence.paths(first)[1].positions
-    assert np.linalg.norm(there - starts[0], axis=1).max() > 0.1
-    assert np.linalg.norm(ends[0] - there, axis=1).max() < 0.02
+    expected = sequence.paths(first)[1].positions
+    assert np.linalg.norm(expected - starts[0], axis=1).max() > 0.1
+    assert np.linalg.norm(ends[0] - expected, axis=1).max() < 0.02
 
 
-def test_tracks_are_those_of_critical_points(sequence, page):
-    drawn = {ways.name: ways for ways in page.panels[0].paths[2:]}
+def test_tracks_equal_those_of_critical_points(sequence, page):
+    drawn = {paths.name: paths for paths in page.panels[0].paths[2:]}
     tracks = sequence.tracks()
     assert set(drawn) == {f"{track.kind}s" for track in tracks}
-    for name, ways in drawn.items():
+    for name, paths in drawn.items():
         own = [track for track in tracks if f"{track.kind}s" == name]
-        gone = sum(np.ptp(track.times) for track in own)
-        assert np.ptp(ways.times, axis=1).sum() == pytest.approx(gone)
+        duration = sum(np.ptp(track.times) for track in own)
+        assert np.ptp(paths.times, axis=1).sum() == pytest.approx(duration)
         for track in own:
-            away = np.linalg.norm(ways.starts[:, None] - track.points.positions[:-1], axis=2)
-            assert away.min(axis=0).max() < 1e-9
-        steps = np.linalg.norm(ways.ends - ways.starts, axis=1)
+            distances = np.linalg.norm(paths.starts[:, None] - track.points.positions[:-1], axis=2)
+            assert distances.min(axis=0).max() < 1e-9
+        steps = np.linalg.norm(paths.ends - paths.starts, axis=1)
         assert steps.max() < 0.03 * sequence.mesh.length_scale
 
 
-def test_every_interval_is_told_on_the_bar(sequence, page):
+def test_time_bar_reports_every_interval(sequence, page):
     assert (page.headline, page.tone) == (sequence.facts.headline, "good")
     assert f"{sequence.confirmed} of 4 intervals" in page.headline
     spans = page.clock.spans
@@ -131,23 +132,23 @@ def test_every_interval_is_told_on_the_bar(sequence, page):
     assert "a bump" in page.html()
 
 
-def test_what_is_not_compared_is_told(sequence):
+def test_unknown_part_of_the_surface_is_noted(sequence):
     mesh = sequence.mesh
     frames = np.where(mesh.vertices[:, 2] < -0.5, np.nan, sequence.frames[:2, :, 0])
     masked = abfm.sequence(mesh, frames, parameters=abfm.sequences.defaults(sigma=0.3))
     page = sequence_page(masked, "a bump", Labels())
-    lacking = np.isnan(page.panels[0].layers[0].values)
+    is_gray = np.isnan(page.panels[0].layers[0].values)
     missing = ~np.isfinite(frames).all(axis=0)
     assert missing.any()
-    np.testing.assert_array_equal(lacking, np.broadcast_to(missing, lacking.shape))
+    np.testing.assert_array_equal(is_gray, np.broadcast_to(missing, is_gray.shape))
     notes = page.notes
     check_message(notes[1])
     share = notes[1].partition("%")[0]
     assert float(share) == pytest.approx(25, abs=2)  # Archimedes' hat box
 
 
-def test_a_film_in_which_nothing_moves_says_so():
-    still = abfm.sequence(Film.mesh, np.repeat(Film.mesh.vertices[None, :, 0], 3, axis=0))
+def test_constant_sequence_has_no_arrows():
+    still = abfm.sequence(FramePair.mesh, np.repeat(FramePair.mesh.vertices[None, :, 0], 3, axis=0))
     page = sequence_page(still, "still")
     (note,) = page.notes
     check_message(note)
@@ -155,8 +156,8 @@ def test_a_film_in_which_nothing_moves_says_so():
     assert note.capitalize() in page.html()
 
 
-class Film:
-    """Two frames of what nobody solved, blended between them."""
+class FramePair:
+    """Two frames without a solution, averaged between them."""
 
     mesh, times, unknown = icosphere(2), np.array([0.0, 1.0]), None
 
@@ -167,38 +168,38 @@ class Film:
         return np.mean(self.frames, axis=0)
 
 
-def test_values_that_are_missing_change_no_colours():
-    frames = np.stack([Film.mesh.vertices[:, 0], Film.mesh.vertices[:, 1]])
+def test_missing_values_do_not_change_colors():
+    frames = np.stack([FramePair.mesh.vertices[:, 0], FramePair.mesh.vertices[:, 1]])
     holes = frames.copy()
     holes[:, np.abs(frames).max(axis=0) < 0.3] = np.nan
     holes[1, np.argmin(np.abs(frames[1]))] = np.inf
-    [whole], [layer], [nothing] = (
-        frame_layers(Film(each), Labels())[0]
+    [complete], [layer], [nothing] = (
+        frame_layers(FramePair(each), Labels())[0]
         for each in (frames, holes, np.full_like(frames, np.nan))
     )
-    assert layer.colors == whole.colors
+    assert layer.colors == complete.colors
     assert np.isnan(layer.values).any()
-    page = Page("t", "h", [Panel("", Film.mesh, [layer], best_front(Film.mesh))])
+    page = Page("t", "h", [Panel("", FramePair.mesh, [layer], best_front(FramePair.mesh))])
     assert "NaN" not in page.html().split('id="page"')[1].split("</script>")[0]
     assert nothing.colors.low < nothing.colors.high
 
 
-def test_channels_beyond_the_first_four_are_told():
-    frames = np.stack([Film.mesh.vertices] * 2)
-    for times, told in ((1, []), (2, ["the page shows the first 4 of 6 channels"])):
-        assert frame_layers(Film(np.tile(frames, (1, 1, times))), Labels())[1] == told
+def test_omitted_channels_are_noted():
+    frames = np.stack([FramePair.mesh.vertices] * 2)
+    for times, expected in ((1, []), (2, ["the page shows the first 4 of 6 channels"])):
+        assert frame_layers(FramePair(np.tile(frames, (1, 1, times))), Labels())[1] == expected
 
 
 @pytest.mark.parametrize(
     ("frames", "seconds"), [(2, PLAY_SECONDS_MIN), (100, 15.0), (300, PLAY_SECONDS_MAX)]
 )
 def test_play_seconds(frames, seconds):
-    """A page plays for 0.15 s a frame, between 4 s and 30 s."""
+    """A page plays for 0.15 s per frame, but at least 4 s and at most 30 s."""
     assert (PLAY_SECONDS_MIN, PLAY_SECONDS_MAX) == (4.0, 30.0)
     assert clock_of(list(range(frames)), Labels()).seconds == pytest.approx(seconds)
 
 
-def test_page_of_half_confirmed_sequence_is_not_red(sequence):
+def test_half_confirmed_sequence_is_a_warning(sequence):
     kinds = (Outcome.MATCHED, Outcome.NOT_REACHED) * 2
     verdicts = tuple(Verdict(kind, "", "") for kind in kinds)
     half = replace(sequence, verdicts=verdicts)

@@ -1,4 +1,4 @@
-"""What a script waits for, matched by a batch: the same findings, bit for bit."""
+"""Matches of a figure by a batch: the findings are equal in every bit."""
 
 import pytest
 
@@ -21,26 +21,26 @@ MESH = torus(16, 8)
 
 
 @pytest.fixture
-def waiting():
-    """A script with several stages, and what it waits for."""
-    whole = script(1, FigureSetup(MESH, small=True))
-    return whole, requested_matches(whole)
+def requesting():
+    """Return a script with several stages, and its requested matches."""
+    figure_script = script(1, FigureSetup(MESH, small=True))
+    return figure_script, requested_matches(figure_script)
 
 
-def test_findings_do_not_tell_whether_a_match_was_read(waiting, tmp_path):
-    whole, requested = waiting
+def test_findings_of_loaded_matches_are_equal(requesting, tmp_path):
+    figure_script, requested = requesting
     rows = rows_of(1, requested, tmp_path)
     entries = batch.run(rows, tmp_path, Cluster(jobs=1))
     assert entries[0].digest == requested[0].problem.digest
     matches = matches_of(requested, entries)
     assert matches[0].problem is requested[0].problem
-    found = values(findings_of(whole, matches))
+    found = values(findings_of(figure_script, matches))
     assert sum(name.startswith("drift of the mass at tau") for name in found) == 2
     assert found == values(findings_of(script(1, FigureSetup(MESH, small=True))))
 
 
-def test_what_was_not_matched_is_told(waiting, tmp_path):
-    _, requested = waiting
+def test_missing_match_is_reported(requesting, tmp_path):
+    _, requested = requesting
     rows, ledger = rows_of(1, requested, tmp_path), batch.Ledger(tmp_path)
     ledger.make()
     with raises(AbfmError):
