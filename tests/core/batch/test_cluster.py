@@ -54,7 +54,7 @@ def test_two_processes_give_equal_files(alone, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("is_seen", [True, False])
+@pytest.mark.parametrize("is_accessible", [True, False])
 def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_path, monkeypatch):
     """A cluster writes to an accessible folder, and otherwise sends results back."""
     (tmp_path / "scheduler.json").write_text(json.dumps(elsewhere.scheduler.identity()))

@@ -85,7 +85,7 @@ def test_row_cancelled_while_reading_is_missing(folder):
 
 def test_row_equals_sequence_in_python(folder):
     np.save(folder / "f.npy", np.stack([FRAMES, FRAMES[::-1]], axis=2))
-    [entry] = run([sequence_row(folder, weights="1, 0", gamma=2)], folder / "out", ONE)
+    [entry] = run([sequence_row(folder, channel="1 0", gamma=2)], folder / "out", ONE)
     found = entry.load()
     np.testing.assert_array_equal(found[0].weights, [1, 0])
     assert found.confirmed == 2

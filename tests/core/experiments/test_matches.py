@@ -107,9 +107,8 @@ class TestFigure7:
         length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
         assert (length, step, rise) == pytest.approx((1, 1, 1))
         assert turn < 1e-12
-        path = (
-            np.array([1, 2, 3, 2, 1])[:, None] * self.x
-        )  # reverses its direction: a change of two steps
+        # the path reverses its direction, which is a change of two steps
+        path = np.array([1, 2, 3, 2, 1])[:, None] * self.x
         turn = smoothness(self.mesh, path, self.x)[2]
         assert turn.value == pytest.approx(2)
         assert not turn.reproduces
@@ -174,7 +173,7 @@ SPHERE = icosphere(2)
 @pytest.fixture(scope="module")
 def found():
     x, y, _ = SPHERE.vertices.T
-    return match(SPHERE, x, y, Parameters.verification(iterations=3))
+    return match(SPHERE, x, y, Parameters.of(iterations=3))
 
 
 def test_measures_equal_the_verification(found, monkeypatch):

@@ -54,7 +54,7 @@ def test_outlier_does_not_change_other_similarities():
 
 
 @pytest.mark.parametrize(
-    ("odd", "named"),
+    ("outlier", "named"),
     [
         (-ALIKE[0], ""),
         (10 * ALIKE[0], 10),

@@ -369,9 +369,8 @@ def test_saved_population_is_loaded_equal(population, tmp_path):
     with np.load(path) as file:
         np.savez_compressed(tmp_path / "packed.npz", **file)
     assert np.array_equal(load(tmp_path / "packed.npz").values, values, equal_nan=True)
-    replace(population, values=2 * values).save(
-        path
-    )  # the loaded values may be mapped from the old file
+    # the loaded values may be mapped from the old file
+    replace(population, values=2 * values).save(path)
     assert np.array_equal(found.values, values, equal_nan=True)
 
 
@@ -692,9 +691,8 @@ def test_noise_is_amplitude_and_not_phase(tmp_path):
     position = np.average(clean.var(axis=0), weights=vertex_areas(MESH))
     of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
     assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
-    assert (
-        0.7 * position < phase.phase < 1.1 * position
-    )  # the registration does not remove all of it
+    # the registration does not remove all of it
+    assert 0.7 * position < phase.phase < 1.1 * position
 
 
 def test_goal_is_at_least_the_noise(tmp_path):
