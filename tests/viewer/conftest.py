@@ -1,4 +1,4 @@
-"""What tests of the viewer share: a session on a sphere, and the app on an egg."""
+"""Fixtures for tests of the viewer: a session on a sphere, and the app on an egg."""
 
 import ctypes
 import inspect
@@ -24,8 +24,9 @@ _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
 @pytest.fixture(scope="session", autouse=True)
 def _frames_without_pixels():
-    """Compute pixels only for pictures and clicks: without a graphics card they take most of the
-    time of a frame, and no test looks at those of other frames.
+    """Compute pixels only for pictures and clicks.
+
+    Without a graphics card, pixels take most of the time of a frame.
     """
     if sys.platform != "linux":
         yield
@@ -53,9 +54,7 @@ def _frames_without_pixels():
 
 @pytest.fixture(autouse=True)
 def _few_frames(monkeypatch):
-    """While tests wait, half as many frames are drawn as in the app: they take the time of what
-    is waited for.
-    """
+    """Draw half as many frames as in the app, to leave time for background work."""
     monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 15)
 
 
@@ -75,7 +74,7 @@ def jobs():
 
 @pytest.fixture
 def endless():
-    """A session whose runs go on until they are told otherwise."""
+    """Return a session whose runs continue until they are cancelled."""
     session = opened(ENDLESS)
     yield session
     session.close()
@@ -83,12 +82,13 @@ def endless():
 
 @pytest.fixture
 def gui(tmp_path, request):
-    """The app on an egg with its default functions, in a small window unless a file of tests has
-    its own WINDOW.
+    """Return the app on an egg with its default functions.
+
+    The window is small unless the test module defines WINDOW.
     """
     with Driver(EGG, size=getattr(request.module, "WINDOW", SIZE)) as gui:
         gui.window.dialogs.folder = tmp_path
-        # tests look at what stands still
+        # tests need a constant time
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         yield gui
         assert not gui.errors
@@ -96,8 +96,10 @@ def gui(tmp_path, request):
 
 @pytest.fixture
 def walk(request, monkeypatch):
-    """Take the steps of a tour: each begins with the document of the first one, perhaps with other
-    values, and names the fixtures that it needs; what it patches ends with it.
+    """Return a function that takes the steps of a tour.
+
+    Each step starts with the document of the first one, perhaps with other values. Its parameters
+    are the fixtures that it needs. Patches of a step end with it.
     """
     first = []
 
@@ -115,7 +117,7 @@ def walk(request, monkeypatch):
 
 
 class Desk:
-    """A session with its files and the questions that were asked."""
+    """A session with its files and its questions to the user."""
 
     def __init__(self, session, folder):
         self.session = session
@@ -126,17 +128,17 @@ class Desk:
         )
 
     def wait(self, condition):
-        """Update until something holds."""
+        """Update until a condition holds."""
         until(condition, self)
 
     def update(self):
-        """What the window does in every frame."""
+        """Update the session and its files, as the window does in every frame."""
         self.session.update()
         self.files.update()
 
     def settle(self):
         """Wait until nothing is opened, computed or written."""
-        for _ in range(3):  # what ended since the last update is taken in by the next one
+        for _ in range(3):  # each update may collect results and start further work
             self.update()
             self.wait(
                 lambda: (
@@ -152,7 +154,7 @@ class Desk:
 
 @pytest.fixture
 def desk(tmp_path):
-    """A session with files on a small sphere whose functions are known."""
+    """Return a session with files on a small sphere whose functions are known."""
     desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
     desk.settle()
     yield desk
@@ -162,7 +164,10 @@ def desk(tmp_path):
 
 @pytest.fixture
 def held(monkeypatch):
-    """Hold a module's function up where its arguments are such: events begun, and may end."""
+    """Return a function that blocks calls of a module's function.
+
+    Calls whose arguments satisfy the condition set the first event, and wait for the second one.
+    """
 
     def hold(module, name, condition=lambda *_: True):
         begun, may_end, compute = threading.Event(), threading.Event(), getattr(module, name)
@@ -181,9 +186,7 @@ def held(monkeypatch):
 
 @pytest.fixture
 def coarse_streaks(monkeypatch):
-    """Textures of streaks with as many texels as small pictures have pixels: they take as long
-    as there are texels.
-    """
+    """Use few texels for textures of streaks, because the time is proportional to their number."""
     for name in ("TEXELS", "_TEXELS_OF_PICTURES"):
         monkeypatch.setattr(quantities, name, 512)
     monkeypatch.setattr("abfm_viewer.pictures.panels._TEXELS", 512)

@@ -14,31 +14,31 @@ from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
-SIZE = (560, 400)  # of windows: drawing takes as long as there are pixels
+SIZE = (560, 400)  # of windows; small, because drawing time is proportional to the pixels
 PAIR = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=1,z=0,width=0.15")
 QUICK = Parameters.of(iterations=20, refine=0)
 SHORT = Parameters.of(iterations=20, cooling_stages=1, refine=0)
 ENDLESS = Parameters.of(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
 )
-"""One stage with so small steps that a run goes on until it is told otherwise."""
+"""Parameters of one stage with such small steps that a run continues until it is cancelled."""
 
 
 def problem(parameters=QUICK, channel=PAIR):
-    """What a session with one channel on the sphere would solve."""
+    """Return the problem of a session with one channel on the sphere."""
     return ProblemSpec(SPHERE, (channel,), parameters, "")
 
 
 def opened(parameters=QUICK, channel=PAIR):
-    """A session on the sphere whose functions are known, at the beginning of its history."""
+    """Return a session on the sphere whose functions are known, without history."""
     session = Session(SPHERE, "sphere")
-    view = replace(session.view, flow_after_match=False)  # tests look at what stands still
+    view = replace(session.view, flow_after_match=False)  # tests need a constant time
     session.editor.amend(channels=(channel,), parameters=parameters, view=view)
     return ready(session)
 
 
 def until(condition, session=None, seconds=30):
-    """Wait for a condition, with frames of the session if there is one."""
+    """Wait for a condition, updating the session if there is one."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited in vain"
@@ -48,68 +48,69 @@ def until(condition, session=None, seconds=30):
 
 
 def ready(session):
-    """The session with its functions known."""
+    """Return the session after its functions are computed."""
     until(lambda: not session.obstacle, session)
     return session
 
 
 def matched(session):
-    """The session after its match."""
+    """Return the session after its match."""
     session.match()
     until(lambda: session.solver.finished, session)
     return session
 
 
 def stepped(match, shares=(0.3, 0.7)):
-    """The match at the end of a path, whose other steps are shares of its field."""
+    """Return the match at the end of a path, whose other steps are shares of its field."""
     functions, known = match.problem.functions, {"folded": 0.0, "log2_shape": 0.2}
     smoother = []
     for s in shares:
         field = s * match.fine_velocity
-        carried = Flow(match.mesh, field, match.parameters.tau).push(match.source)
-        left = functions.residual(carried.T)
-        step = PathStep(1 - s, 0.01, 0.0, field, left, 0.9, log2_area=s / 3, **known)
+        advected = Flow(match.mesh, field, match.parameters.tau).push(match.source)
+        residual = functions.residual(advected.T)
+        step = PathStep(1 - s, 0.01, 0.0, field, residual, 0.9, log2_area=s / 3, **known)
         smoother.append(step)
     end = replace(match.path[match.step], log2_area=0.5, log2_shape=0.7)
     return replace(match, path=(*smoother, end), step=len(shares))
 
 
-def heard(gui, monkeypatch, how):
-    """Return what draws a frame and tells what is written in it by a method of `Ui`: texts and the
-    words for their colours.
-    """
-    said, write = [], getattr(Ui, how)
+def drawn_texts(gui, monkeypatch, method):
+    """Return a function that draws a frame and returns the texts written by a method of `Ui`.
 
-    def listen(ui, text, kind="muted", *more, **others):
-        said.append((text, kind))
+    Each text comes with the name of its colour.
+    """
+    texts, write = [], getattr(Ui, method)
+
+    def write_and_record(ui, text, kind="muted", *more, **others):
+        texts.append((text, kind))
         write(ui, text, kind, *more, **others)
 
-    def now():
-        said.clear()
+    def draw():
+        texts.clear()
         gui.frames(1)
-        return list(said)
+        return list(texts)
 
-    monkeypatch.setattr(Ui, how, listen)
-    return now
+    monkeypatch.setattr(Ui, method, write_and_record)
+    return draw
 
 
 def solving(session, rows=5):
-    """The session during a run that has made more than some steps."""
+    """Return the session during a run of more than ``rows`` iterations."""
     session.match()
     until(lambda: session.matching.record and len(session.matching.record.stages) > rows, session)
     return session
 
 
 def hold(session):
-    """Pause the run, and wait until the evaluation under way has ended."""
+    """Pause the run, and wait until the current evaluation has ended."""
     session.solver.pause()
 
-    def stands_still():
-        held = session.matching.snapshot
+    def is_paused():
+        snapshot = session.matching.snapshot
         time.sleep(0.2)
-        return session.matching.snapshot is held
+        return session.matching.snapshot is snapshot
 
-    until(stands_still)
+    until(is_paused)
 
 
 def end_run(session):
@@ -127,7 +128,7 @@ def match(gui):
 
 
 def begin(gui, iterations=-1):
-    """Start a run, and wait until it has made more than so many iterations."""
+    """Start a run, and wait until it has made more than some iterations."""
     gui.click("Match")
     gui.wait(lambda s: s.matching.snapshot and s.matching.snapshot.iteration.iteration > iterations)
 
@@ -138,14 +139,15 @@ def cancel(gui):
 
 
 def take_back(gui):
-    """Take back every step."""
+    """Undo every step."""
     while gui.session.editor.undo_label:
         gui.key("ctrl+z")
 
 
 def restart(gui, document=None):
-    """Begin the next step of a tour with a document, by default the present one, as if it had just
-    been opened.
+    """Start the next step of a tour with a document, as if it had just been opened.
+
+    The default is the current document.
     """
     gui.session.solver.cancel()
     gui.wait(lambda s: not s.solver.running)

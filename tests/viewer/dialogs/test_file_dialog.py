@@ -1,4 +1,4 @@
-"""What a file dialog lists, and what clicks and typed names lead to, without drawing."""
+"""The file dialog without drawing: lists, clicks and typed names."""
 
 import os
 import sys
@@ -18,7 +18,7 @@ MESHES = (".off", ".obj")
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with meshes, other files, hidden ones and folders."""
+    """Return a folder with meshes, other files, hidden files and folders."""
     files = ("b.off", "A.OBJ", "ünïcode ☃.off", "two words.off", "notes.txt", "c.off.bak")
     for name in (*files, ".hidden.off"):
         (tmp_path / name).write_text("")
@@ -28,28 +28,29 @@ def folder(tmp_path):
 
 
 def listed(choice):
-    """Labels of the entries, once they are read."""
+    """Return the labels of the entries when they are read."""
     until(lambda: choice.listing() is not None)
     return [entry.label for entry in choice.listing().entries]
 
 
-def test_folders_come_first_and_hidden_and_other_files_are_left_out(folder):
+def test_folders_are_first_and_hidden_files_are_omitted(folder):
+    """Files with other suffixes are omitted as well."""
     names = [entry.label for entry in read_folder(folder, MESHES).entries]
     assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
 
 
-def test_large_folders_are_cut_with_a_note_and_asked_no_more(tmp_path, monkeypatch):
-    """A disk far away takes its time for any question but names and which are folders."""
+def test_large_folders_are_truncated_with_a_note(tmp_path, monkeypatch):
+    """Only names and kinds are queried, because other queries are slow on remote disks."""
     names = [f"{number:05}.off" for number in range(ENTRIES_MAX + 5)]
-    told = [SimpleNamespace(name=name, is_dir=lambda: False) for name in reversed(names)]
-    monkeypatch.setattr(os, "scandir", lambda folder: nullcontext(told))
+    entries = [SimpleNamespace(name=name, is_dir=lambda: False) for name in reversed(names)]
+    monkeypatch.setattr(os, "scandir", lambda folder: nullcontext(entries))
     listing = read_folder(tmp_path, MESHES)
     assert listing.entries == tuple(FolderEntry(name, False) for name in names[:ENTRIES_MAX])
     check_message(listing.note, "10,000", "10,005")
 
 
 @pytest.mark.parametrize("name", ["missing", "file.off"])
-def test_what_is_no_readable_folder_says_why(tmp_path, name):
+def test_unreadable_folders_are_reported(tmp_path, name):
     (tmp_path / "file.off").touch()
     listing = read_folder(tmp_path / name, MESHES)
     assert listing.entries == ()
@@ -57,7 +58,7 @@ def test_what_is_no_readable_folder_says_why(tmp_path, name):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only there names may be any bytes")
-def test_names_that_are_no_text_and_links_to_nowhere_do_no_harm(tmp_path):
+def test_invalid_names_and_broken_links_are_listed(tmp_path):
     (tmp_path / os.fsdecode(b"bad\xff.off")).touch()
     (tmp_path / "gone.off").symlink_to("nowhere")
     (tmp_path / "loop").symlink_to("loop")
@@ -95,7 +96,7 @@ def test_typed_paths_lead_to_folders_and_files(folder, monkeypatch):
         (True, "y" * 400, ()),
     ],
 )
-def test_typed_nonsense_is_refused_with_the_reason(folder, saving, typed, named):
+def test_invalid_paths_are_refused_with_the_reason(folder, saving, typed, named):
     (folder / "dir.off").mkdir()
     choice = FileChoice(folder, MESHES, saving=saving, name=typed if saving else "")
     assert (choice.confirm() if saving else choice.go_or_take(typed)) is None
@@ -103,7 +104,8 @@ def test_typed_nonsense_is_refused_with_the_reason(folder, saving, typed, named)
     assert choice.folder == folder
 
 
-def test_up_marks_the_folder_that_was_left_and_arrows_move_the_mark_inside(folder):
+def test_up_selects_the_previous_folder(folder):
+    """Arrow keys move the selection."""
     choice = FileChoice(folder / "Apple", MESHES)
     choice.go_up()
     assert (choice.folder, choice.selected) == (folder, "Apple")
@@ -126,7 +128,7 @@ def test_up_marks_the_folder_that_was_left_and_arrows_move_the_mark_inside(folde
     assert choice.selected == ""
 
 
-def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
+def test_vanished_file_is_refused_and_the_list_read_again(folder):
     choice = FileChoice(folder, MESHES)
     assert "b.off" in listed(choice)
     choice.select(FolderEntry("b.off", False))
@@ -150,16 +152,18 @@ def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
         ("work.xyz", None),
     ],
 )
-def test_a_name_to_save_gets_an_ending_or_is_refused_with_another_one(folder, typed, file):
+def test_name_to_save_gets_a_suffix(folder, typed, file):
+    """Another ending is refused."""
     choice = FileChoice(folder, (".npz", "-lh.stc", ".html"), saving=True, name=typed)
     assert choice.ready
     assert choice.final_name == (file or typed)
     assert choice.confirm() == (file and folder / file)
-    told = f"{typed}: expected a name that ends in .npz, -lh.stc, .html, or has no ending"
-    assert choice.error == ("" if file else told)
+    refusal = f"{typed}: expected a name that ends in .npz, -lh.stc, .html, or has no ending"
+    assert choice.error == ("" if file else refusal)
 
 
-def test_saving_needs_a_name_takes_that_of_a_marked_file_and_enters_folders(folder):
+def test_saving_uses_the_typed_or_selected_name(folder):
+    """A selected folder is opened."""
     choice = FileChoice(folder, MESHES, saving=True)
     assert not choice.ready
     choice.select(FolderEntry("b.off", False))
@@ -173,13 +177,13 @@ def test_saving_needs_a_name_takes_that_of_a_marked_file_and_enters_folders(fold
     assert choice.folder == folder / "zebra"
 
 
-def test_a_slow_folder_does_not_hold_the_window(folder, held):
-    asked, may_answer = held(file_dialog, "read_folder")
+def test_slow_folder_does_not_block_the_window(folder, held):
+    requested, may_answer = held(file_dialog, "read_folder")
     choice = FileChoice(folder, MESHES)
     assert choice.listing() is None
-    assert asked.wait(30)
+    assert requested.wait(30)
     for _ in range(10):
-        assert choice.listing() is None  # as frames ask for it
+        assert choice.listing() is None  # as in the frame loop
     may_answer.set()
     assert "b.off" in listed(choice)
     choice.close()

@@ -1,4 +1,4 @@
-"""What a subject of a population is held against: its words, and where nothing is known."""
+"""Comparison of a subject with its population: titles and unknown values."""
 
 from types import SimpleNamespace
 from typing import get_args
@@ -24,7 +24,7 @@ def comparison(name="sub-1", kind="difference"):
     return Comparison(population, 0, {("own", "mean"): 0}, kind)
 
 
-def test_long_names_leave_room_for_the_words_after_them():
+def test_long_subject_names_are_abbreviated_in_titles():
     assert comparison().title("source") == "sub-1, transferred"
     long = comparison("sub-001_ses-baseline_hemi-L_space-fsaverage")
     assert long.title("source") == "sub-001_ses-baseline_..., transferred"
@@ -33,7 +33,7 @@ def test_long_names_leave_room_for_the_words_after_them():
     assert {comparison(kind=kind).title("error") for kind in get_args(ComparisonKind)} == {"error"}
 
 
-def test_what_is_not_known_is_told_of_each_slot():
+def test_unknown_values_of_each_slot():
     found = comparison()
     assert found.unknown("source", 0).tolist() == [False, False, False, True, False]
     assert found.unknown("advected", 0).tolist() == [False, False, False, True, False]

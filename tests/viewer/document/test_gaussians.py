@@ -1,4 +1,4 @@
-"""Editing the Gaussians of a spec: what was not asked for stays as it was."""
+"""Editing of the Gaussians in a spec, which changes nothing else."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ OTHERS = st.one_of(
 
 
 def text(terms, mapped):
-    """Also scaled, if it is mapped."""
+    """Return the spec of a sum; with ``mapped`` it is scaled and composed with a map."""
     inner = Sum(tuple(terms)) if len(terms) > 1 else terms[0]
     if not mapped:
         return str(inner)
@@ -53,7 +53,7 @@ def text(terms, mapped):
     st.data(),
     st.tuples(WIDTHS, NUMBERS, VERTICES),
 )
-def test_what_was_not_asked_for_stays(before, one, after, mapped, data, values):
+def test_edits_change_one_gaussian_only(before, one, after, mapped, data, values):
     terms, (width, height, vertex) = [*before, one, *after], values
     places = [number for number, term in enumerate(terms) if isinstance(term, Gaussian)]
     bump = data.draw(st.integers(0, len(places) - 1))
@@ -76,18 +76,18 @@ def test_what_was_not_asked_for_stays(before, one, after, mapped, data, values):
     assert known[:-1] == bumps.gaussians(spec)
     assert known[-1].width == known[-2].width
     assert parse(bumps.removed(more, len(known) - 1)) == parse(spec)
-    kept = [*terms[:at], *terms[at + 1 :]]
-    assert parse(bumps.removed(spec, bump)) == parse(text(kept or terms, mapped))
+    others = [*terms[:at], *terms[at + 1 :]]
+    assert parse(bumps.removed(spec, bump)) == parse(text(others or terms, mapped))
 
 
-def test_a_new_bump_is_far_from_the_others():
+def test_new_gaussian_is_far_from_the_others():
     spec = "gaussian:x=0,y=0,z=1,width=0.3"
     first = bumps.gaussians(bumps.added(spec, SPHERE))[1]
     np.testing.assert_allclose(SPHERE.vertices[first.vertex[0]], [0, 0, -1], atol=0.3)
     assert bumps.gaussians(bumps.added("coordinate:x", SPHERE))[0].width == 0.1
 
 
-def test_vertices_count_as_the_file_does():
+def test_vertices_are_numbered_as_in_the_file():
     here, there = bumps.gaussians(bumps.added("gaussian:vertex=9", GAP))
     assert bumps.centre(here, GAP) == 9
     [_, expected] = bumps.gaussians(bumps.added("gaussian:vertex=4", SPHERE))
@@ -98,7 +98,7 @@ def test_vertices_count_as_the_file_does():
     assert parse(bumps.landmark(["gaussian:x=0,y=0,z=1"], GAP)).vertex == (lowest,)
 
 
-def test_what_is_refused():
+def test_invalid_values_and_specs_are_refused():
     with raises(FunctionError, "width", "-1.0", 0):
         bumps.changed("gaussian:vertex=1 + gaussian:vertex=2", 1, width=-1.0)
     with raises(FunctionError, 4242):
@@ -107,7 +107,8 @@ def test_what_is_refused():
         bumps.gaussians("gausian:vertex=1")
 
 
-def test_a_landmark_is_far_from_all_others_and_as_wide_as_the_last():
+def test_fixed_gaussian_is_far_from_all_others():
+    """Its width is that of the last Gaussian."""
     others = ["gaussian:x=0,y=0,z=1,width=0.3", "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2"]
     found = parse(bumps.landmark([*others, "eigenfunction:3"], SPHERE))
     assert found.width == 0.2

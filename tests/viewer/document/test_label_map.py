@@ -1,4 +1,4 @@
-"""Labels as they are shown: keys, names and colours."""
+"""Keys, names and colours of labels."""
 
 import numpy as np
 from hypothesis import given
@@ -16,7 +16,8 @@ KEYS = np.repeat([7, -1, 40], 4)
 RED = (1.0, 0.0, 0.0, 1.0)
 
 
-def test_each_vertex_has_the_colour_of_its_key_or_one_that_is_made():
+def test_vertices_have_the_colours_of_their_labels():
+    """Labels without a colour get one; labels without a name are grey."""
     labels = Labels(KEYS, {7: "insula", 40: "cuneus", 50: "nowhere"}, {7: RED})
     found = LabelMap.of("a.annot", BALL, labels)
     assert found.keys == (-1, 7, 40, 50)
@@ -30,7 +31,8 @@ def test_each_vertex_has_the_colour_of_its_key_or_one_that_is_made():
     assert_array_equal(again.values, KEYS[::-1])
 
 
-def test_labels_of_the_file_are_those_of_the_kept_vertices_and_others_are_refused():
+def test_labels_of_the_file_are_restricted_to_the_mesh():
+    """Labels of another mesh are refused."""
     loose = with_loose_vertex(BALL)
     keys = np.full(13, 99)
     keys[loose.vertex_ids] = KEYS
@@ -40,7 +42,7 @@ def test_labels_of_the_file_are_those_of_the_kept_vertices_and_others_are_refuse
 
 
 @given(st.lists(st.integers(-(2**40), 2**40), min_size=12, max_size=12))
-def test_any_keys_have_colours_of_their_own(keys):
+def test_colours_of_labels_are_distinct(keys):
     found = LabelMap.of("a", BALL, Labels(np.array(keys)))
     colors = found.linear_colors(found.values)
     assert ((colors >= 0) & (colors <= 1)).all()

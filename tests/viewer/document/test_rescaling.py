@@ -1,4 +1,4 @@
-"""A source that is scaled to the range of its target."""
+"""Scaling of a source to the range of its target."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ MESH = icosphere(2)
 
 @pytest.mark.parametrize("spec", ["coordinate:x", "scaled:-3,offset=2(coordinate:x)"])
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-1e6, 1e6), (3.0, 3.001), (-2e-7, 5e-6)])
-def test_a_rescaled_source_has_the_range_of_the_target(spec, low, high):
+def test_rescaled_source_has_the_range_of_the_target(spec, low, high):
     target = np.linspace(low, high, 50)
     source = function(MESH, spec)
     found = rescaled(spec, source, target)
@@ -24,7 +24,7 @@ def test_a_rescaled_source_has_the_range_of_the_target(spec, low, high):
     assert np.corrcoef(values, source)[0, 1] == pytest.approx(1)
 
 
-def test_constants_stay():
+def test_constant_functions_are_not_rescaled():
     source = function(MESH, "coordinate:x")
     assert rescaled("coordinate:x", source, np.full(3, 2.0)) == "coordinate:x"
     assert rescaled("expression:2", np.full(3, 2.0), source) == "expression:2"

@@ -1,4 +1,4 @@
-"""What a match came to, in words."""
+"""Headlines, reasons and other short texts about a match."""
 
 import math
 import re
@@ -66,18 +66,18 @@ def judged(match, kind, residual=0.0123, verified=0.03):
         ("impossible", 0.01, 0.01, "", "failure"),
     ],
 )
-def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found, case):
-    kind, residual, verified, said, meant = case
+def test_headline_has_the_verified_residual_and_a_tone(found, case):
+    kind, residual, verified, expected, meant = case
     facts = changing_areas(judged(found, kind, residual, verified), 0.21, 0.6).facts
     assert (facts.outcome, facts.tone) == (kind, meant)
     assert facts.headline.startswith(kind)
-    assert said in facts.headline
-    assert ("%" in facts.headline) is ("%" in said)
+    assert expected in facts.headline
+    assert ("%" in facts.headline) is ("%" in expected)
     assert ("a factor of 1.2" in facts.headline) is (kind == "registered")
 
 
 def changing_areas(match, mean, high):
-    """A match whose areas change by these log2, on average and at the 95th percentile."""
+    """Return a match with given area changes: mean and 95th percentile of |log2 J|."""
     step = replace(match.path[match.step], log2_area=mean, log2_area_95=high)
     return replace(match, path=(step,), step=0)
 
@@ -85,8 +85,8 @@ def changing_areas(match, mean, high):
 @pytest.mark.parametrize(
     ("kind", "tone"), [("matched", "warning"), ("nearly", "warning"), ("not reached", "failure")]
 )
-def test_a_good_map_that_changes_areas_much_has_a_warning(found, kind, tone):
-    """The headline names the factor; the warning has that of the 5% that change most."""
+def test_large_area_change_is_a_warning(found, kind, tone):
+    """The headline names the mean factor, the warning that of the 5% of largest change."""
     residual = {"matched": 0.02, "nearly": 0.1, "not reached": 0.4}[kind]
     match = judged(found, kind, residual, residual)
     within, beyond = (changing_areas(match, 3.3, high).facts for high in (1.0, 4.0))
@@ -103,7 +103,8 @@ def test_a_good_map_that_changes_areas_much_has_a_warning(found, kind, tone):
 
 @settings(deadline=None)
 @given(pairs=st.lists(st.tuples(RESIDUAL, RESIDUAL | st.just(math.nan)), min_size=2, max_size=2))
-def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, pairs):
+def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
+    """Nor does it have a worse exit status."""
     matches = []
     for residual, verified in pairs:
         one = replace(found, residual=residual, verified_residual=verified)
@@ -117,30 +118,28 @@ def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, p
 
 @settings(deadline=None)
 @given(residual=RESIDUAL, verified=RESIDUAL | st.just(math.nan), kind=st.sampled_from(VERDICTS))
-def test_a_share_is_only_told_with_its_word_and_is_never_below_what_a_witness_leaves(
-    found, residual, verified, kind
-):
+def test_headline_share_is_at_least_both_residuals(found, residual, verified, kind):
+    """The share appears only with the verdict that belongs to it."""
     match = judged(found, kind, residual, verified)
-    said = match.facts.headline
-    if "%" in said.split(",")[0]:
+    expected = match.facts.headline
+    if "%" in expected.split(",")[0]:
         assert kind in (outcome_of(match.worse_residual, match.parameters.goal), "registered")
         assert shown_share(match) >= 100 * np.nanmax([residual, verified]) - 1e-4
-    assert said.startswith(kind)
+    assert expected.startswith(kind)
 
 
 def shown_share(match):
-    """Return the residual in the headline of a match, in percent; inf without improvement."""
-    words = match.facts.headline
-    if "improvement" in words:
-        return math.inf
-    return float(re.findall(r"([0-9.]+)%", words)[0])
+    """Return the share in a match's headline in percent; infinity if it has only words."""
+    shares = re.findall(r"([0-9.]+)%", match.facts.headline)
+    return float(shares[0]) if shares else math.inf
 
 
-def test_percents_have_as_many_digits_as_one_reads_sentences_a_capital_and_one_is_no_plural():
+def test_numbers_and_sentences_are_formatted():
+    """Percentages are rounded up, sentences start with a capital, and 1 has no plural."""
     values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995]
-    said = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
-    said += ["10%", "11%", "100%"]
-    assert [share(value) for value in values] == said
+    expected = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
+    expected += ["10%", "11%", "100%"]
+    assert [share(value) for value in values] == expected
     counts = [counted(number, "iteration") for number in (0, 1, 2)]
     assert counts == ["0 iterations", "1 iteration", "2 iterations"]
     assert capital("opening Bear.OFF") == "Opening Bear.OFF"
@@ -149,12 +148,12 @@ def test_percents_have_as_many_digits_as_one_reads_sentences_a_capital_and_one_i
 
 
 @given(value=st.floats(1e-4, 1), percent=st.sampled_from([1, 2.5, 5, 7.5, 10, 15, 30]))
-def test_a_share_reads_as_within_a_bound_exactly_where_it_is(value, percent):
+def test_rounded_share_is_within_a_bound_only_if_the_value_is(value, percent):
     read = float(share(value).removesuffix("%"))
     assert (read <= percent) == (value <= percent / 100 + 1e-9)
 
 
-def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
+def test_reason_is_the_cause_or_how_the_run_ended(found):
     assert judged(found, "not reached").facts.reason == "the cause"
     first = judged(found, "registered").facts.reason
     assert first.startswith("the cause")
@@ -167,7 +166,7 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     }
     assert len(set(reasons.values())) == 3
     assert "12 iterations" in reasons[StopReason.ITERATION_LIMIT]
-    for reason, start, words in (  # of what did not come to its end
+    for reason, start, words in (  # of incomplete results
         (StopReason.CANCELLED, "cancelled (residual 1.3%)", "best field so far"),
         (StopReason.GIVEN, "given field", "Play"),
     ):
@@ -177,7 +176,8 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
         assert words in facts.reason
 
 
-def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
+def test_unknown_numbers_are_omitted(found, iterations):
+    """The stage omits the mesh if there is one level, and a reach of 0."""
     assert residual_text(found) == "0.0123, 0.03 along flow lines, 0.1% folded"
     assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
@@ -187,15 +187,16 @@ def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(fo
     assert stage_text(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
 
-def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found):
+def test_remedies_are_written_as_command_line_options(found):
+    """Verdicts without remedies keep their advice as text."""
     remedies = (
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
         Remedy("Continue", "go on", {}, True),
     )
     verdict = Verdict(Outcome.NOT_REACHED, "why", "a larger reach; or go on", remedies)
     match = replace(found, verdict=verdict)
-    told = "reach further (--set reach=0.6 --set levels=0), or continue (--start m.npz)"
-    assert advice_in_options(match.verdict, match.facts, "m.npz") == told
+    expected = "reach further (--set reach=0.6 --set levels=0), or continue (--start m.npz)"
+    assert advice_in_options(match.verdict, match.facts, "m.npz") == expected
     impossible = judged(found, "impossible")
     assert advice_in_options(impossible.verdict, impossible.facts, "m.npz") == "advice"
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
@@ -205,21 +206,21 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
 
 
 @pytest.mark.parametrize(
-    ("kind", "left", "by_lines", "said"),
+    ("kind", "residual", "by_lines", "expected"),
     [
         ("matched", 0.014, 0.026, "matched (residual 2.6%)"),
         ("nearly", 0.049, 0.0501, "nearly matched (residual 5.1%)"),
-        ("nearly", 0.03, math.nan, "nearly matched"),  # as faces are folded
+        ("nearly", 0.03, math.nan, "nearly matched"),  # because faces are folded
         ("registered", 0.13, 0.12, "registered (residual 13%)"),
-        ("not reached", 0.02, 0.03, "not reached"),  # as most of it is no motion
+        ("not reached", 0.02, 0.03, "not reached"),  # as most of it is not motion
         ("not reached", 0.4, 0.5, "not reached"),
     ],
 )
-def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said):
+def test_headline_of_an_interval_is_like_that_of_a_match(kind, residual, by_lines, expected):
     sequence = SimpleNamespace(
         verdicts=[Verdict(Outcome(kind), "", "")],
-        residual=np.array([left]),
+        residual=np.array([residual]),
         verified_residual=np.array([by_lines]),
         parameters=abfm.Parameters(),
     )
-    assert interval_headline(sequence, 0) == said
+    assert interval_headline(sequence, 0) == expected

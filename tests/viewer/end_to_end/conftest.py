@@ -3,7 +3,7 @@
 import pytest
 
 from tests.spare_processes import reused_processes
-from tests.viewer.sessions import ENDLESS, SHORT, begin, heard, match
+from tests.viewer.sessions import ENDLESS, SHORT, begin, drawn_texts, match
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -37,4 +37,4 @@ def running(gui):
 @pytest.fixture
 def notes(gui, monkeypatch):
     """Return a function that draws a frame and returns its texts and their tones."""
-    return heard(gui, monkeypatch, "note")
+    return drawn_texts(gui, monkeypatch, "note")

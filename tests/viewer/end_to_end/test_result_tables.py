@@ -18,7 +18,7 @@ from abfm_viewer.panels import result_table
 from abfm_viewer.window import population_sample
 from tests.messages import check_message
 from tests.shapes import icosphere
-from tests.viewer.sessions import heard
+from tests.viewer.sessions import drawn_texts
 
 SIZE = (1180, 640)
 OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
@@ -134,7 +134,7 @@ def leave_and_undo(opened, tmp_path):
 
 
 def sort_and_search(opened, monkeypatch):
-    lines = heard(opened, monkeypatch, "line")
+    lines = drawn_texts(opened, monkeypatch, "line")
     tables = opened.window.files.tables
     for head, name in (
         ("left", "residual"),
@@ -221,7 +221,7 @@ def refuse_another_folder(opened, tmp_path):
 def texts(gui, monkeypatch):
     """Return the texts of the panels in a frame."""
     with monkeypatch.context() as patched:
-        return [text for text, _ in heard(gui, patched, "note")()]
+        return [text for text, _ in drawn_texts(gui, patched, "note")()]
 
 
 def show_the_outlier(opened, monkeypatch):

@@ -1,4 +1,4 @@
-"""Copies of unsaved work, with a clock of our own."""
+"""Autosaved copies, with an artificial clock."""
 
 import os
 import subprocess
@@ -26,13 +26,13 @@ from tests.viewer.sessions import until
 SURFACE = Surface(icosphere(1), "sphere")
 DOCUMENT = MatchDocument((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
 SEQUENCE = FrameSequence(
-    "film", check_frames(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None)
+    "waves", check_frames(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None)
 )
 CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
 
 class Clock:
-    """Stands still."""
+    """A clock that stands still until the test moves it."""
 
     seconds = 0.0
 
@@ -41,13 +41,13 @@ class Clock:
 
 
 class Slow:
-    """A content that takes as long to compute as the test likes."""
+    """A document whose computation waits for the test."""
 
     def __init__(self):
-        self.asked, self.may_answer = threading.Event(), threading.Event()
+        self.requested, self.may_answer = threading.Event(), threading.Event()
 
     def __call__(self):
-        self.asked.set()
+        self.requested.set()
         assert self.may_answer.wait(10)
         return DOCUMENT, {}
 
@@ -59,7 +59,7 @@ def clock():
 
 @pytest.fixture
 def autosave(tmp_path, clock):
-    """When it is time for the first copy."""
+    """Return an `Autosave` for which the first copy is due."""
     autosave = Autosave(StateFolder(tmp_path), seconds=20, clock=clock)
     clock.seconds = 21
     yield autosave
@@ -67,7 +67,7 @@ def autosave(tmp_path, clock):
 
 
 def offer(autosave, document, unsaved=True):
-    """Offer a document, and let what is then written be written."""
+    """Offer a document, and wait until the copy is written."""
     autosave.offer(document, lambda: (document, {}), unsaved)
     settle(autosave)
 
@@ -78,16 +78,16 @@ def settle(autosave):
 
 
 def copied(autosave):
-    """The name of the document in the copy; empty if there is none."""
+    """Return the name of the document in the copy; empty if there is none."""
     return load_project(autosave.path)[0].name if autosave.path.exists() else ""
 
 
 def age(path, seconds):
-    """Let a file be written some time ago."""
+    """Set the time of a file's last modification back."""
     os.utime(path, (time.time() - seconds,) * 2)
 
 
-def test_a_copy_is_written_when_it_is_time_and_something_changed(autosave, clock):
+def test_copy_is_written_when_due_and_changed(autosave, clock):
     for seconds, document, name in (
         (19, DOCUMENT, ""),
         (21, DOCUMENT, "sphere"),
@@ -102,17 +102,18 @@ def test_a_copy_is_written_when_it_is_time_and_something_changed(autosave, clock
     assert load_project(autosave.path)[0].channels == DOCUMENT.channels
 
 
-def test_values_from_other_files_are_in_it(autosave):
+def test_copy_has_values_from_other_files(autosave):
     values = SURFACE.mesh.vertices[:, 0]
     autosave.offer(DOCUMENT, lambda: (DOCUMENT, {"file:a.npy": values}), True)
     autosave.close()
     assert (load_project(autosave.path)[1]["file:a.npy"] == values).all()
 
 
-def test_never_two_at_once_and_the_newest_wins(autosave, clock):
+def test_copies_are_written_one_at_a_time(autosave, clock):
+    """The newest document wins."""
     slow = Slow()
     autosave.offer(DOCUMENT, slow, True)
-    assert slow.asked.wait(10)
+    assert slow.requested.wait(10)
     for number in range(3):
         clock.seconds += 21
         autosave.offer(replace(DOCUMENT, channel=number), lambda: pytest.fail("two at once"), True)
@@ -124,7 +125,7 @@ def test_never_two_at_once_and_the_newest_wins(autosave, clock):
     assert autosave.error == ""
 
 
-def test_a_heartbeat_tells_of_the_process_until_everything_is_saved(autosave, clock, tmp_path):
+def test_heartbeat_lasts_until_everything_is_saved(autosave, clock, tmp_path):
     offer(autosave, DOCUMENT)
     age(autosave.path, 1000)
     assert recoverable(StateFolder(tmp_path)) != []
@@ -134,21 +135,22 @@ def test_a_heartbeat_tells_of_the_process_until_everything_is_saved(autosave, cl
     offer(autosave, DOCUMENT, unsaved=False)
     assert not autosave.path.exists()
     clock.seconds = 63
-    offer(autosave, DOCUMENT)  # undone to what was not saved
+    offer(autosave, DOCUMENT)  # undo returned to an unsaved state
     assert copied(autosave) == "sphere"
 
 
-def test_a_copy_that_is_discarded_while_it_is_written_goes_too(autosave, tmp_path):
+def test_copy_discarded_while_it_is_written_is_removed(autosave, tmp_path):
     slow = Slow()
     autosave.offer(DOCUMENT, slow, True)
-    assert slow.asked.wait(10)
+    assert slow.requested.wait(10)
     autosave.discard()
     slow.may_answer.set()
     autosave.close()
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_copy_that_cannot_be_written_is_an_error_in_one_line_and_tried_again(tmp_path, clock):
+def test_failed_copy_is_reported_and_tried_again(tmp_path, clock):
+    """The error is one line."""
     folder = tmp_path / "state"
     folder.touch()
     autosave = Autosave(StateFolder(folder), clock=clock)
@@ -165,13 +167,15 @@ def test_a_copy_that_cannot_be_written_is_an_error_in_one_line_and_tried_again(t
     autosave.close()
 
 
-def test_an_offer_where_nothing_is_to_be_done_does_nothing(autosave, clock, monkeypatch):
+def test_offer_without_changes_does_nothing(autosave, clock, monkeypatch):
     def offer_idly(document, unsaved):
         with monkeypatch.context() as patched:
             for name in ("utime", "unlink", "replace"):
                 patched.setattr(os, name, lambda *_: pytest.fail("a file was touched"))
-            patched.setattr(autosave._writer, "submit", lambda *_: pytest.fail("a copy was begun"))
-            autosave.offer(document, lambda: pytest.fail("the content was asked for"), unsaved)
+            patched.setattr(
+                autosave._writer, "submit", lambda *_: pytest.fail("a copy was written")
+            )
+            autosave.offer(document, lambda: pytest.fail("the content was computed"), unsaved)
 
     offer_idly(DOCUMENT, unsaved=False)
     clock.seconds = 19
@@ -188,23 +192,23 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     numbers = (f"autosave-{number}" for number in (ended.pid, os.getpid(), "x", 10**30))
-    left, own, *_ = paths = [tmp_path / f"{name}.abfm" for name in (*numbers, "a")]
+    leftover, current, *_ = paths = [tmp_path / f"{name}.abfm" for name in (*numbers, "a")]
     for path in paths:
         path.touch()
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert recovery.path == left
+    assert recovery.path == leftover
     assert recovery.written == pytest.approx(time.time(), abs=60)
-    age(own, 1000)  # without a heartbeat for so long, it is gone, whatever has its number now
-    assert [found.path for found in recoverable(StateFolder(tmp_path))] == [left, own]
+    age(current, 1000)  # without a heartbeat for so long, it is gone, whatever has its number now
+    assert [found.path for found in recoverable(StateFolder(tmp_path))] == [leftover, current]
     recovery.discard()
     recovery.discard()
-    assert [found.path for found in recoverable(StateFolder(tmp_path))] == [own]
+    assert [found.path for found in recoverable(StateFolder(tmp_path))] == [current]
     assert recoverable(StateFolder(tmp_path / "none")) == []
     Recovery(tmp_path / "none" / "autosave-1.abfm", 0).discard()
 
 
-def test_what_a_process_of_the_same_number_left_is_not_overwritten(autosave, clock, tmp_path):
-    """In a container every launch may have the same number."""
+def test_copy_of_a_process_of_equal_number_is_kept(autosave, clock, tmp_path):
+    """In a container every launch may have the same process number."""
     offer(autosave, CHANGED)
     later = Autosave(StateFolder(tmp_path), clock=clock)
     [recovery] = recoverable(StateFolder(tmp_path))
@@ -215,7 +219,8 @@ def test_what_a_process_of_the_same_number_left_is_not_overwritten(autosave, clo
     assert copied(later) == "sphere"
 
 
-def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(autosave, tmp_path):
+def test_recovered_copy_is_removed_when_saved(autosave, tmp_path):
+    """Incomplete files are removed with the next copy."""
     (tmp_path / "autosave-1-2.abfm").touch()
     [recovery] = recoverable(StateFolder(tmp_path))
     autosave.take_over(recovery)
@@ -224,34 +229,34 @@ def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(
     assert list(tmp_path.iterdir()) == []
     autosave.take_over(recovery)  # another window was faster
     with temporary_file(tmp_path) as half:
-        left = half.name
-    (tmp_path / left).touch()
-    os.utime(tmp_path / left, (0, 0))
+        leftover = half.name
+    (tmp_path / leftover).touch()
+    os.utime(tmp_path / leftover, (0, 0))
     assert recoverable(StateFolder(tmp_path)) == []
     offer(autosave, DOCUMENT)
     assert list(tmp_path.iterdir()) == [autosave.path]
 
 
 @pytest.fixture
-def film():
-    """A document with all fields of its film, and one with those of some intervals."""
+def sequences():
+    """Return documents of a sequence with all fields and with some of them."""
     frames, control = SEQUENCE.frames, abfm.workers.Control()
     given = frames.mesh, frames.values[:, :, 0], None, defaults(sigma=0.5), 0
-    whole = abfm.sequence(*given)
+    complete = abfm.sequence(*given)
     part = abfm.sequence(*given, on_interval=lambda _: control.cancel(), control=control)
     assert not part.solved.all()
     document = SequenceDocument((SURFACE,), SEQUENCE)
-    return tuple(replace(document, result=replace(s, _frames=frames)) for s in (whole, part))
+    return tuple(replace(document, result=replace(s, _frames=frames)) for s in (complete, part))
 
 
-def begun(autosave):
-    """A file of a film that is not finished, beside where the copy will be."""
+def checkpoint_file(autosave):
+    """Create a file of a checkpoint next to the copy."""
     path = autosave.path.with_name(f"{autosave.path.name}-1a2b3c4d.unfinished")
     path.touch()
     return path
 
 
-def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
+def test_document_of_a_running_sequence_is_copied_once(autosave, clock):
     document, run = SequenceDocument((SURFACE,), SEQUENCE), object()
     later = replace(document, time=1.0)
     for seconds, shown, of, is_written in (
@@ -264,11 +269,12 @@ def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
         clock.seconds = seconds
         autosave.offer(shown, lambda shown=shown: (shown, {}), True, sequence_run=of)
         settle(autosave)
-        assert (copied(autosave) == "film on sphere") is is_written
+        assert (copied(autosave) == "waves on sphere") is is_written
         autosave.path.unlink(missing_ok=True)
 
 
-def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_path, clock):
+def test_failed_copy_of_a_running_sequence_is_repeated(tmp_path, clock):
+    """As often as that of other documents."""
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
     document, run, tried = SequenceDocument((SURFACE,), SEQUENCE), object(), list[int]()
@@ -282,10 +288,10 @@ def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_
     autosave.close()
 
 
-def test_what_is_beside_a_copy_goes_when_a_copy_has_all_fields(autosave, clock, film):
-    whole, part = film
-    path = begun(autosave)
-    for document, run in ((part, None), (whole, object())):
+def test_checkpoint_is_removed_when_a_copy_is_complete(autosave, clock, sequences):
+    complete, part = sequences
+    path = checkpoint_file(autosave)
+    for document, run in ((part, None), (complete, object())):
         autosave.offer(document, lambda given=document: (given, {}), True, None, run)
         settle(autosave)
         clock.seconds += 21
@@ -293,13 +299,13 @@ def test_what_is_beside_a_copy_goes_when_a_copy_has_all_fields(autosave, clock, 
     autosave.offer(part, lambda: (part, {}), True)
     settle(autosave)
     clock.seconds += 21
-    offer(autosave, whole)
+    offer(autosave, complete)
     assert not path.exists()
     assert autosave.path.exists()
 
 
-def test_what_is_beside_a_copy_goes_with_it_and_is_taken_over_with_it(autosave, tmp_path):
-    begun(autosave)
+def test_checkpoint_is_removed_and_recovered_with_its_copy(autosave, tmp_path):
+    checkpoint_file(autosave)
     offer(autosave, DOCUMENT)
     offer(autosave, DOCUMENT, unsaved=False)
     assert list(tmp_path.iterdir()) == []
@@ -319,11 +325,11 @@ def test_what_is_beside_a_copy_goes_with_it_and_is_taken_over_with_it(autosave, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_ended_processes_left_of_films_without_a_copy_is_removed(autosave, tmp_path):
+def test_checkpoints_without_a_copy_are_removed(autosave, tmp_path):
     for name in ("autosave-1-2.abfm", "autosave-1-3.abfm"):
         (tmp_path / f"{name}-1a2b3c4d.unfinished").touch()
     (tmp_path / "autosave-1-2.abfm").touch()
-    own = begun(autosave)  # its copy is not there yet
+    current = checkpoint_file(autosave)  # its copy is not there yet
     [recovery] = recoverable(StateFolder(tmp_path))
-    assert {*tmp_path.iterdir()} == {recovery.path, *checkpoints_of(recovery.path), own}
+    assert {*tmp_path.iterdir()} == {recovery.path, *checkpoints_of(recovery.path), current}
     assert recovery.path.name == "autosave-1-2.abfm"

@@ -1,4 +1,4 @@
-"""Files that cannot be written are refused before anything is computed for them."""
+"""Output files: paths are checked before a computation, and no result is lost."""
 
 import dataclasses
 import math
@@ -35,7 +35,7 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, named):
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
-def test_a_folder_that_takes_no_files_is_refused():
+def test_read_only_folder_is_refused():
     with raises(ResultError, "/proc/self/result.npz"):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
 
@@ -50,15 +50,15 @@ def match():
 @pytest.mark.parametrize(
     "names", [["gone/m.npz"], ["gone/m.npz", "m.vtu"], ["m.csv", "gone/m.ply"]]
 )
-def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
+def test_result_is_saved_elsewhere_if_its_folder_is_gone(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with raises(ResultError, "gone") as told:
+    with raises(ResultError, "gone") as error:
         outputs.write_all([tmp_path / name for name in names], match)
     written = {name for name in names if "/" not in name}
-    (kept,) = (path for path in tmp_path.iterdir() if path.name not in written)
-    assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
-    assert str(told.value).endswith(kept.name)
-    assert load(kept).residual == match.residual
+    (saved,) = (path for path in tmp_path.iterdir() if path.name not in written)
+    assert {path.name for path in tmp_path.iterdir()} == written | {saved.name}
+    assert str(error.value).endswith(saved.name)
+    assert load(saved).residual == match.residual
 
 
 def refuse(*_):
@@ -69,7 +69,7 @@ PARTS = ["result.path_arrays", "problem.Problem.spec_arrays"]
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
+def test_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
     monkeypatch.setattr(f"abfm.matching.{part}", refuse)
     [note] = outputs.write_all([tmp_path / "m.npz", tmp_path / "m.csv"], match)
     assert "a part cannot be made" in note
@@ -95,7 +95,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
-    """What its field does not bear out is recomputed when the file is loaded."""
+    """Numbers that disagree with the field are computed again when the file is loaded."""
     wrong = dataclasses.replace(match, **{name: WRONG[name](match)})
     [note] = outputs.write_all([tmp_path / "m.npz"], wrong)
     assert "m.npz" in note
@@ -105,7 +105,7 @@ def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
     assert loaded.residual == pytest.approx(match.residual, rel=1e-6)
 
 
-def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
+def test_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules["abfm.matching.result"], "path_arrays", refuse)
     same = PointMap.of_vertices(match.mesh, match.mesh, np.arange(len(match.mesh.vertices)))
     found = Registration(Correspondence(same, same), match)
@@ -115,7 +115,7 @@ def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
     np.testing.assert_array_equal(loaded.match.velocity, match.velocity)
 
 
-def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
+def test_sequence_is_saved_without_its_numbers(match, tmp_path):
     found = abfm.sequence(match.mesh, np.stack([match.source[:, 0], match.target[:, 0]]))
     wrong = dataclasses.replace(found, residual=-found.residual, verdicts=())
     [note] = outputs.write_all([tmp_path / "s.npz"], wrong)
@@ -127,34 +127,34 @@ def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
     assert not loaded.verdicts[0].kind.is_good
 
 
-def test_a_writer_that_fails_in_any_way_loses_no_result(match, tmp_path, monkeypatch):
+def test_failing_writer_loses_no_result(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(MatchTask.exports, ".ply", Export(refuse))
-    with pytest.raises(ResultError, match="a part cannot be made") as told:
+    with pytest.raises(ResultError, match="a part cannot be made") as error:
         outputs.write_all([tmp_path / "m.ply"], match)
-    kept = Path(str(told.value).rpartition("the result is in ")[2])
-    assert load(kept).residual == match.residual
+    saved = Path(str(error.value).rpartition("the result is in ")[2])
+    assert load(saved).residual == match.residual
 
 
-def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatch):
+def test_registration_with_collapsed_faces_is_saved(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     numbers = np.arange(len(match.mesh.vertices))
     maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
     found = Registration(Correspondence(*maps), match)
     with raises(ResultError, "x.ply", recorded=False):  # cut by the length of the path
         outputs.write_all([tmp_path / "x.ply", tmp_path / "r.npz"], found)
-    kept = load(tmp_path / "r.npz")
-    np.testing.assert_array_equal(kept.back.faces, found.back.faces)
+    saved = load(tmp_path / "r.npz")
+    np.testing.assert_array_equal(saved.back.faces, found.back.faces)
 
 
-def test_a_result_that_one_file_holds_is_not_written_elsewhere(match, tmp_path, monkeypatch):
+def test_saved_result_is_not_written_elsewhere(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with raises(ResultError, "gone"):
         outputs.write_all([tmp_path / "gone" / "m.vtu", tmp_path / "m.npz"], match)
     assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
 
 
-def test_a_result_without_any_place_is_told(match, tmp_path, monkeypatch):
+def test_result_that_cannot_be_saved_is_reported(match, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "home", lambda: tmp_path / "none")
     monkeypatch.setattr(Path, "cwd", lambda: tmp_path / "none")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
@@ -162,7 +162,7 @@ def test_a_result_without_any_place_is_told(match, tmp_path, monkeypatch):
         outputs.write_all([tmp_path / "gone" / "m.npz"], match)
 
 
-def test_a_surface_whose_rows_would_not_be_those_of_its_file_is_refused(tmp_path):
+def test_surface_with_other_rows_than_its_file_is_refused(tmp_path):
     loose = with_loose_vertex(icosphere(1))
     found = abfm.register(loose, loose, "coordinate:x", "coordinate:x")
     with raises(ResultError, 1):

@@ -1,4 +1,4 @@
-"""Project files: what goes in comes out, and damage is named."""
+"""Project files: documents are restored exactly, and damage is reported."""
 
 import io
 import itertools
@@ -130,7 +130,7 @@ MESH_PARTS = ("vertices", "faces", "vertex_ids", "copies", "file_vertex_count", 
 
 
 def parts_of(value):
-    """What is compared of a value; None if it has no parts."""
+    """Return the parts of a value that are compared; None if it has none."""
     if isinstance(value, TriangleMesh):
         return {name: getattr(value, name) for name in MESH_PARTS}
     if isinstance(value, Correspondence):
@@ -143,7 +143,7 @@ def parts_of(value):
 
 
 def assert_same(value, expected, where="document"):
-    """Equal to the last bit, types and all, down to the arrays."""
+    """Assert that values have equal types and equal bits, including arrays."""
     assert type(value) is type(expected), where
     if isinstance(expected, np.ndarray):
         assert_array_equal(value, expected, err_msg=where, strict=True)
@@ -159,12 +159,12 @@ def assert_same(value, expected, where="document"):
 
 
 def pair():
-    """Two surfaces with a match that began with the map by vertex numbers."""
+    """Return two surfaces with a match that started with the map by vertex numbers."""
     a, b = (icosphere(1, radius) for radius in (1, 2))
     initial = Correspondence.of_same_faces(a, b)
     found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT)
     channels, mark = (Channel("coordinate:x", "coordinate:y"),), Point(3, (1.0, 0.0, 0.0))
-    kept = InitialMap(
+    initial_map = InitialMap(
         initial, MapRequest("connectivity", channels, "", (), False), ("a note",), found.source
     )
     surfaces = Surface(a, "A"), Surface(b, "B")
@@ -174,13 +174,13 @@ def pair():
         SHORT,
         landmarks=(Landmark(mark), Landmark(mark, mark, name="both")),
         result=replace(found, path=(), step=0),
-        initial_map=replace(kept, warnings=("a warning",)),
+        initial_map=replace(initial_map, warnings=("a warning",)),
         initial="connectivity",
     )
 
 
 def sequence_document(solved=True):
-    """Phases with a mask, compared by cosine and sine; of the fields the second is missing."""
+    """Return phases with a mask, compared by cosine and sine, without the second field."""
     values = np.arange(3)[:, None] + X
     values[:, 4] = np.nan
     phases = check_frames(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
@@ -222,8 +222,8 @@ def sequence_document(solved=True):
     ],
     ids=lambda document: f"{type(document).__name__} {document.name}".encode("ascii", "replace"),
 )
-def test_projects_open_as_the_documents_they_were_saved_from(tmp_path, document):
-    """Also unfinished and cancelled results; a saved copy has the same bytes."""
+def test_documents_are_restored_from_projects(tmp_path, document):
+    """Also unfinished and cancelled results; saving again gives the same bytes."""
     known = KNOWN if document.surface().mesh is SPHERE and document.channels else {}
     save_project(tmp_path / "p.abfm", document, known)
     opened, values = load_project(tmp_path / "p.abfm")
@@ -238,8 +238,8 @@ def test_projects_open_as_the_documents_they_were_saved_from(tmp_path, document)
 @pytest.mark.parametrize(
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
-def test_results_in_projects_are_result_files_on_the_surfaces(tmp_path, document):
-    """A result, its frames and its meshes are in a project once."""
+def test_projects_contain_result_files(tmp_path, document):
+    """Results, frames and meshes are stored once."""
     save_project(tmp_path / "p.abfm", document, {})
     content = members(tmp_path / "p.abfm")
     (tmp_path / "r.npz").write_bytes(content["result.npz"])
@@ -287,7 +287,7 @@ vectors = st.tuples(numbers, numbers, numbers)
 
 
 def turned(angle):
-    """A front at an angle about x."""
+    """Return a front that is rotated about x."""
     return Front((0.0, -math.sin(angle), math.cos(angle)), (0.0, math.cos(angle), math.sin(angle)))
 
 
@@ -328,7 +328,7 @@ channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tupl
     alone=st.booleans(),
     surface=st.builds(Surface, st.just(WHOLE), st.text(), st.none() | fronts),
 )
-def test_any_view_channels_and_landmarks_come_back(
+def test_views_channels_and_landmarks_are_restored(
     tmp_path, view, channels, landmarks, alone, surface
 ):
     document = MatchDocument(
@@ -339,8 +339,9 @@ def test_any_view_channels_and_landmarks_come_back(
 
 
 def changed(path, content=lambda header, view: None, arrays=()):
-    """Write a project anew with other JSON and other arrays: None leaves one out, bytes are put
-    as such.
+    """Write a project again with other JSON and arrays.
+
+    None removes an array, and bytes are written as they are.
     """
     texts = {name: json.loads(members(path)[name]) for name in ("project.json", "view.json")}
     content(*texts.values())
@@ -350,7 +351,7 @@ def changed(path, content=lambda header, view: None, arrays=()):
 
 
 def leaves(value, place=()):
-    """All places in JSON, of lists the first entry."""
+    """Return all places in JSON; of lists only the first entry."""
     parts = value.items() if isinstance(value, dict) else enumerate(value[:1])
     for name, part in parts:
         yield (*place, name)
@@ -359,7 +360,7 @@ def leaves(value, place=()):
 
 
 def put(value, place, new):
-    """Replace what is at a place."""
+    """Replace the value at a place."""
     *above, last = place
     for name in above:
         value = value[name]
@@ -367,14 +368,14 @@ def put(value, place, new):
 
 
 def put_in(number, place, new, *texts):
-    """Replace what is at a place of one of the texts."""
+    """Replace the value at a place of one of the JSON members."""
     put(texts[number], place, new)
 
 
 def error_line(path):
-    """Why a file is not opened, and what to do."""
+    """Return the error message for a file that is refused."""
     message = refusal(load_project, path)
-    advice = ("take another copy", "upgrade abfm", "solve again", "open it as", "check the path")
+    advice = ("take another copy", "upgrade abfm", "solve again", "rename it", "check the path")
     assert any(words in message for words in advice)
     return message
 
@@ -386,7 +387,7 @@ HKS = {"source": "hks", "target": "hks"}
 VALUES = [None, -1, 0.5, True, "x\n" * 5000, "result", "known/0", [], {}, math.inf, 10**400, [[0]]]
 
 
-def test_damaged_files_are_noticed(saved, tmp_path):
+def test_damaged_files_are_refused(saved, tmp_path):
     complete, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
     for length in (0, 1, 100, len(complete) // 2, len(complete) - 1):
         damaged.write_bytes(complete[:length])
@@ -401,8 +402,8 @@ def test_damaged_files_are_noticed(saved, tmp_path):
 @pytest.mark.parametrize(
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
-def test_json_with_other_values_is_refused_or_makes_a_document(tmp_path, document):
-    """Each value in JSON is replaced by another one, those of the view once."""
+def test_changed_json_is_refused_or_opens(tmp_path, document):
+    """Each value in JSON is replaced once, also those of the view."""
     path = tmp_path / "p.abfm"
     save_project(path, document, KNOWN if document is DOCUMENT else {})
     complete = path.read_bytes()
@@ -438,7 +439,7 @@ OTHER_CONTENTS = [
 ]
 
 
-def test_arrays_that_do_not_fit_are_refused(saved):
+def test_invalid_arrays_are_refused(saved):
     """Arrays of other types, shapes and sizes, and negative ones of a run."""
     complete = saved.read_bytes()
     contents = itertools.cycle(OTHER_CONTENTS)
@@ -455,7 +456,7 @@ def test_arrays_that_do_not_fit_are_refused(saved):
 
 
 def test_damaged_results_are_refused(saved):
-    """As in a file of their own; the message names the project."""
+    """As in a result file; the message names the project."""
     inner = saved.with_name("r.npz")
     inner.write_bytes(members(saved)["result.npz"])
     for name, array in (("advected.npy", None), ("velocity.npy", np.zeros((1, F - 1, 3)))):
@@ -553,11 +554,11 @@ def test_files_of_another_kind_are_named(tmp_path):
     hostile.overlapping_zip(tmp_path / "a.abfm", ["project.json", "mesh/faces.npy"], b"{}")
     for name, words in (
         ("r.npz", "a result file, not a project"),
-        ("text.abfm", "no project of abfm"),
+        ("text.abfm", "damaged"),
         ("none.abfm", "No such file"),
         ("", "directory"),
-        ("pipe.abfm", "it is a pipe"),
-        ("zero.abfm", "it is a device"),
+        ("pipe.abfm", "a pipe"),
+        ("zero.abfm", "a device"),
         ("a.abfm", "damaged"),
     ):
         assert words in error_line(tmp_path / name)
@@ -575,7 +576,7 @@ def test_files_of_another_kind_are_named(tmp_path):
         ({}, {"file:x.npy": np.full(V, np.inf)}, ()),
     ],
 )
-def test_what_would_not_open_is_not_saved(saved, change, known, named):
+def test_invalid_documents_are_not_saved(saved, change, known, named):
     before = saved.read_bytes()
     with pytest.raises(ResultError) as caught:
         save_project(saved, replace(DOCUMENT, **change), known)
@@ -604,7 +605,7 @@ def test_terms_that_read_files(spec, terms):
     assert project.terms_from_files(spec) == terms
 
 
-def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
+def test_opening_without_a_result_loads_no_solver(tmp_path):
     save_project(tmp_path / "p.abfm", MatchDocument((Surface(WHOLE, "empty"),)), {})
     code = (
         "import sys; from abfm_viewer.files.project import load_project; "
@@ -619,13 +620,14 @@ def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
 
 @pytest.fixture
 def origin(tmp_path):
-    """Of a file whose name is not plain."""
+    """Return the origin of a file with an unusual name."""
     path = tmp_path / "a prøject.abfm"
     path.write_text("one")
     return Origin.of(path)
 
 
-def test_a_file_is_unchanged_until_it_is_written_and_none_when_it_is_gone(origin):
+def test_origin_notices_changes_of_its_file(origin):
+    """A missing file does not exist for it."""
     assert (origin.exists, origin.changed) == (True, False)
     state = origin.path.stat()
     origin.path.write_text("two")
@@ -635,12 +637,13 @@ def test_a_file_is_unchanged_until_it_is_written_and_none_when_it_is_gone(origin
     assert not origin.changed
     origin.path.write_text("three")
     os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns))
-    assert origin.changed  # its size tells
+    assert origin.changed  # its size differs
     origin.path.unlink()
     assert (origin.exists, origin.changed) == (False, False)
 
 
-def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_path):
+def test_copy_names_its_original_file(origin, tmp_path):
+    """As long as that file exists."""
     copy = tmp_path / "copy.abfm"
     save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {}, origin)
     assert load_origin(copy) == origin
@@ -659,7 +662,7 @@ def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_pa
         '{"path": "/", "modified": 1e999, "size": 0}',
     ],
 )
-def test_copies_may_say_anything_of_their_origin(tmp_path, text):
+def test_damaged_origins_of_copies_are_ignored(tmp_path, text):
     path = tmp_path / "p.abfm"
     save_project(
         path, MatchDocument((Surface(WHOLE, "sphere"),)), {}, Origin.of(tmp_path / "q.abfm")

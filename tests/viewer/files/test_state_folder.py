@@ -1,4 +1,4 @@
-"""What the app remembers between launches, whatever state the folder is in."""
+"""The state folder: recent files and preferences, also in damaged folders."""
 
 import json
 import os
@@ -19,7 +19,7 @@ def folder(tmp_path):
     return StateFolder(tmp_path / "not there yet" / "state")
 
 
-def test_recent_files_come_latest_first_and_once_and_only_files(folder, tmp_path, monkeypatch):
+def test_recent_files_are_listed_once_latest_first(folder, tmp_path, monkeypatch):
     files = [tmp_path / f"mesh {number}.off" for number in range(12)]
     for file in files:
         file.touch()
@@ -39,7 +39,8 @@ def test_recent_files_come_latest_first_and_once_and_only_files(folder, tmp_path
     assert folder.recent() == [tmp_path / "a.off"]
 
 
-def test_preferences_are_kept_and_a_folder_that_cannot_be_made_does_no_harm(folder, tmp_path):
+def test_preferences_are_kept(folder, tmp_path):
+    """A folder that cannot be created is ignored."""
     assert folder.preferences() == {}
     folder.set_preference("theme", "dark")
     folder.set_preference("ui_scale", 1.5)
@@ -70,7 +71,7 @@ def test_the_environment_names_the_folder(monkeypatch, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="each system has its own place")
-def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch, tmp_path):
+def test_default_is_the_system_s_folder_for_state(monkeypatch, tmp_path):
     for name in (STATE_VARIABLE, "XDG_STATE_HOME"):
         monkeypatch.delenv(name, raising=False)
     for name, place in (("HOME", ".local/state/abfm"), ("XDG_STATE_HOME", "abfm")):

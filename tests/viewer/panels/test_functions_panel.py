@@ -1,4 +1,4 @@
-"""Channels and Gaussians: in the session, in the panel Functions, and under the mouse."""
+"""Channels and Gaussians in the session, in the tab Functions, and under the mouse."""
 
 import numpy as np
 import pytest
@@ -30,8 +30,8 @@ def active(session):
     return session.document.side, session.document.bump
 
 
-def test_the_chosen_gaussian_moves_and_stays_chosen(session):
-    """Another side begins with its first one."""
+def test_active_gaussian_moves_and_stays_active(session):
+    """The other side starts with its first Gaussian."""
     session.editor.select(side="source", bump=2)
     active_gaussian.move(session, "source", 9, "drag")
     assert vertices(session, "source") == [1, 2, 9]
@@ -52,8 +52,8 @@ def test_the_chosen_gaussian_moves_and_stays_chosen(session):
     assert session.document.bump == 1
 
 
-def test_the_wheel_widens_within_limits(session):
-    """A function that cannot be moved says what to do."""
+def test_wheel_changes_the_width_within_limits(session):
+    """For a function without a movable Gaussian the message names the remedy."""
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),
@@ -88,7 +88,7 @@ def spec(gui, side="source"):
 
 
 def test_tour_of_function_texts(gui, walk):
-    """Families, and widgets that change the text."""
+    """Families of functions, and widgets that change the spec."""
     walk(gui, reach_families_from_a_gaussian, change_texts_by_widgets)
 
 
@@ -119,7 +119,7 @@ def reach_families_from_a_gaussian(gui):
 
 
 def change_texts_by_widgets(gui, tmp_path):
-    """Channels of one kind have different labels."""
+    """Channels of the same kind have different labels."""
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
     gui.click("bump 2", within="source")
@@ -174,7 +174,7 @@ def neighbours(vertex):
 
 
 def front(gui):
-    """A vertex in the middle of the view."""
+    """Return a vertex in the middle of the view."""
     return int(np.argmax(EGG.vertices @ np.array(gui.session.surface().front.direction)))
 
 
@@ -202,12 +202,12 @@ def drag_a_gaussian(gui):
     gui.key("escape")
     gui.choose("family", "coordinate", within="target")
     before = session.channels
-    for surface, told in (
+    for surface, expected in (
         ("target", "choose the family gaussian"),
-        ("advected", "Shift-click on the source or the target"),
+        ("advected", "Shift-click on the source or"),
     ):
         gui.pick(vertex, surface=surface)
-        assert told in session.notices.latest.text
+        assert expected in session.notices.latest.text
     assert session.channels == before
 
 

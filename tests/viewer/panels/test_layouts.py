@@ -1,5 +1,7 @@
-"""At every size and scale and in every state each widget has its place; and, as a program, what the
-window shows then: it draws nothing (`openGL_mock`), which takes a process of its own.
+"""Layouts of the window at every size and scale and in every state.
+
+As a program, this file prints the widgets of all layouts. It draws nothing (`openGL_mock`), which
+needs a separate process.
 """
 
 import json
@@ -37,7 +39,7 @@ LONG = LONGEST, "advised"
 
 
 def two_channels_with_other_peaks():
-    """A verdict whose advice no button carries out: flow lines refute that one peak became two."""
+    """Return a document whose advice has no button: flow lines refute that one peak became two."""
     heights = EGG.vertices[:, 0] / np.ptp(EGG.vertices[:, 0])
     near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
     problem = FunctionTerm(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
@@ -46,7 +48,7 @@ def two_channels_with_other_peaks():
 
 
 def longest():
-    """The longest sentences that there are, though not of one match."""
+    """Return a document with the longest possible sentences, though not of one match."""
     return Facts(
         Outcome.REGISTERED,
         "registered (residual less than 0.01%), areas change by a factor of 1200",
@@ -75,20 +77,20 @@ def _states(gui):
     session.editor.amend(result=stepped(found))
     yield "with a path"
     verdict = replace(found.verdict, remedies=())
-    told = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
-    vars(told)["facts"] = longest()
-    session.editor.amend(result=told)
+    stuck = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
+    vars(stuck)["facts"] = longest()
+    session.editor.amend(result=stuck)
     gui.wait(lambda _: not gui.window.shown.busy)
     yield LONGEST
     session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN
     yield "exported"
     gui.window.dialogs.show("A title", ["A line."])
-    yield "asked"
+    yield "question"
 
 
 def _recorded(method):
-    """Texts that a method of `Ui` writes from now on, with their places."""
+    """Return the texts that a method of `Ui` writes from now on, with their places."""
     found, write = [], getattr(Ui, method)
 
     def recorded(ui, text, *options, **more):
@@ -108,7 +110,7 @@ def _layouts(gui, size, texts):
             gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
                 gui.window.ui.open_tab = tab
-                gui.frames(2)
+                gui.frames(4)
                 for written in texts.values():
                     written.clear()
                 gui.frames(1)
@@ -119,8 +121,8 @@ def _layouts(gui, size, texts):
                     for w in gui.window.ui.widgets
                 ]
                 hidden, parts = dict(gui.window.ui.hidden_heights), asdict(gui.window.parts)
-                kept = {name: list(written) for name, written in texts.items()}
-                yield layout | kept | {"widgets": widgets, "hidden": hidden, "parts": parts}
+                recorded = {name: list(written) for name, written in texts.items()}
+                yield layout | recorded | {"widgets": widgets, "hidden": hidden, "parts": parts}
 
 
 def main():
@@ -137,7 +139,7 @@ def main():
 
 @pytest.fixture(scope="module")
 def layouts():
-    """The window's widgets at every size and scale, in every state and tab."""
+    """Return the window's widgets at every size and scale, in every state and tab."""
     root = Path(__file__).parents[3]
     done = run(sys.executable, "-m", "tests.viewer.panels.test_layouts", cwd=root)
     assert done.returncode == 0, done.stderr
@@ -146,7 +148,7 @@ def layouts():
 
 @pytest.fixture
 def drawn(layouts):
-    """Every widget in its layout, and where that is."""
+    """Yield every widget with its layout and its place."""
     return [(widget, layout, where(layout)) for layout in layouts for widget in layout["widgets"]]
 
 
@@ -156,7 +158,7 @@ def where(layout):
 
 
 def overlaps(parts):
-    """Pairs of what is drawn, and how far what their panels show of them overlaps."""
+    """Yield pairs of items whose visible parts overlap, and by how much."""
     seen = []
     for part in parts:
         (left, top, right, bottom), area = part["rect"], part["area"]
@@ -177,7 +179,7 @@ def test_each_tab_fits_one_screen(layouts):
     assert {layout["tab"] for layout in shown} == {"Functions", "Match", "Look", "Export"}
 
 
-def test_nothing_is_cut_off_at_the_side(layouts):
+def test_no_widget_is_cut_off_at_the_side(layouts):
     """Surfaces have most of the width."""
     for layout in layouts:
         left, _, right, _ = layout["parts"]["scene"]
@@ -188,8 +190,8 @@ def test_nothing_is_cut_off_at_the_side(layouts):
             assert start - _ROUNDING <= left <= right <= end + _ROUNDING, what
 
 
-def test_what_does_not_scroll_is_in_view(drawn):
-    """Where a verdict in large letters leaves no room, the column with the tabs scrolls."""
+def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
+    """If a verdict in large letters needs the space, the column with the tabs scrolls."""
     sliders = 0
     for widget, layout, place in drawn:
         inside = widget["section"].split("/")[0]
@@ -204,8 +206,8 @@ def test_what_does_not_scroll_is_in_view(drawn):
     assert sliders == len({place for *_, place in drawn})
 
 
-def test_words_fit_their_widgets_or_are_told_in_full(drawn):
-    """At an ordinary scale no word is cut."""
+def test_abbreviated_texts_have_a_tooltip(drawn):
+    """At an ordinary scale no text is abbreviated."""
     for widget, layout, place in drawn:
         is_cut = widget["shown"] not in ("", widget["label"])
         assert not is_cut or layout["scale"] > 1, f"{widget['label']!r}: {place}"
@@ -232,13 +234,13 @@ def test_no_widget_or_text_covers_another(layouts):
 
 
 def test_verdicts_are_never_clipped(layouts):
-    """Neither at any size nor at any scale: the state wraps and is as high as it needs."""
+    """At any size and scale the state wraps and is as high as its text."""
     facts = longest()
-    told = {facts.headline, facts.reason, *facts.warnings, f"to try: {facts.advice}"}
+    expected = {facts.headline, facts.reason, *facts.warnings, f"to try: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         notes = {note["text"].lower().removesuffix("."): note for note in layout["notes"]}
-        assert told <= notes.keys(), where(layout)
-        for text in told:
+        assert expected <= notes.keys(), where(layout)
+        for text in expected:
             (left, top, right, bottom), area = notes[text]["rect"], notes[text]["area"]
             assert area[0] <= left <= right <= area[2] + _ROUNDING, f"{text}: {where(layout)}"
             is_in_view = area[1] <= top < bottom <= area[3] + _ROUNDING
@@ -246,7 +248,7 @@ def test_verdicts_are_never_clipped(layouts):
             assert is_in_view or scrolls, f"{text}: {where(layout)}"
 
 
-def test_the_status_line_has_the_verdict_in_full_or_its_word(layouts):
+def test_status_line_has_the_headline_or_the_verdict(layouts):
     facts = longest()
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         lines = [line for line in layout["lines"] if line["area"] == layout["parts"]["status"]]
@@ -257,27 +259,27 @@ def test_the_status_line_has_the_verdict_in_full_or_its_word(layouts):
         assert lines[0]["text"] == facts.headline or layout["scale"] > 1
 
 
-def test_remedies_and_advice_are_in_view(layouts):
+def test_remedies_and_advice_are_visible(layouts):
     """Also advice without a button."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
-        are_there = layout["state"] in ("matched", "with a path", "exported", "asked")
+        are_there = layout["state"] in ("matched", "with a path", "exported", "question")
         assert bool(remedies) == are_there, where(layout)
         for widget in remedies:
             below = widget["rect"][3] - widget["area"][3]
             scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
             assert below <= _ROUNDING or scrolls, f"{widget['label']!r}: {where(layout)}"
-    whole = "To try: smooth the functions, refine the mesh, or expect a partial match."
+    advised = "To try: smooth the functions, refine the mesh, or expect a partial match."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
         (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
         (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
         scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
         assert first <= top < bottom <= last + _ROUNDING or scrolls, where(layout)
-        assert advice["text"] == whole
+        assert advice["text"] == advised
 
 
-def test_nothing_jumps_from_one_state_to_the_next(drawn):
-    """Unless a verdict is so long that the column needs more room for it."""
+def test_widgets_do_not_move_between_states(drawn):
+    """Unless a long verdict needs more height."""
     first = {}
     for widget, layout, place in drawn:
         is_long = layout["state"] in LONG or layout["scale"] > 1
@@ -290,10 +292,11 @@ def test_nothing_jumps_from_one_state_to_the_next(drawn):
             assert left_top == pytest.approx(before, abs=_ROUNDING), f"{key}: {place}"
 
 
-def test_all_is_grey_behind_a_dialog_and_has_tooltips(drawn):
+def test_widgets_behind_a_dialog_are_disabled(drawn):
+    """They keep their tooltips."""
     kinds = ("slider", "box", "button", "checkbox", "combo")
     for widget, layout, place in drawn:
-        if layout["state"] == "asked" and widget["section"] != "A title":
+        if layout["state"] == "question" and widget["section"] != "A title":
             assert not widget["enabled"], f"{widget['label']!r}: {place}"
         if widget["section"].split("/")[0] == layout["tab"] and widget["kind"] in kinds:
             assert widget["tip"], f"{widget['label']!r}: {place}"

@@ -1,4 +1,4 @@
-"""The tab Match: what it says of parameters and energies, and where on a slider a value is."""
+"""The tab Match: parameters, plots of energies, and positions on sliders."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 
-def test_the_panel_has_every_parameter_and_says_what_it_does():
+def test_panel_has_every_parameter_with_a_tooltip():
     assert sorted(panel._PARAMETER_TEXTS) == sorted(FIELDS)
     for name, about in panel._PARAMETER_TEXTS.items():
         assert all(word in panel._tip(name) for word in ("Default", "paper", "Bad result?"))
@@ -31,19 +31,23 @@ def run(stages, vertices=(), reaches=(), restarts=()):
     [
         (run([0, 0, 1, 2, 2, 3], [600, 600, 600, 2500, 2500, 2500], [0.0] * 6), [2, 5], [3]),
         (run([0, 1, 0, 1], [600, 2500, 600, 2500], [0.0] * 4, (2,)), [], [1, 3]),
-        (run([0, 0], [600, 2500], [0.0] * 2, (1,)), [], []),  # a restart is no finer mesh
+        (
+            run([0, 0], [600, 2500], [0.0] * 2, (1,)),
+            [],
+            [],
+        ),  # a restart, not a finer mesh
         (run([0, 0, 1]), [2], []),
     ],
 )
-def test_stages_and_finer_meshes_are_marked_apart(marked, stages, meshes):
+def test_stages_and_finer_meshes_have_separate_lines(marked, stages, meshes):
     assert energy.starts(marked) == (stages, meshes)
 
 
-def test_the_smallest_residual_falls_until_a_change():
-    """It is computed from the energy if it is unknown."""
-    told = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
-    told = replace(told, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
-    assert list(told.best_residuals) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
+def test_smallest_residual_decreases_until_a_change():
+    """Unknown residuals are computed from the energy."""
+    record = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
+    record = replace(record, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
+    assert list(record.best_residuals) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
     energies = np.array([[9, 9, 16], [9, 9, 4], [9, 9, 900], [9, 9, 225]])
     unknown = replace(run([0, 0, 1, 1]), energies=energies.astype(float))  # ends at 0.1
     np.testing.assert_allclose(unknown.residual_curve, [0.4, 0.2, 0.2, 0.1])
@@ -58,7 +62,7 @@ def test_the_smallest_residual_falls_until_a_change():
         (0.3, 0.8, [0.3, 0.4, 0.5, 0.6, 0.8]),
     ],
 )
-def test_an_axis_of_what_is_left_has_round_shares(low, high, ticks):
+def test_axis_of_residuals_has_round_ticks(low, high, ticks):
     assert plots.share_ticks(low, high) == ticks
 
 
@@ -66,11 +70,11 @@ def test_an_axis_of_what_is_left_has_round_shares(low, high, ticks):
     ("widest", "factors"),
     [(0.02, [1, 1.005, 1.01]), (0.7, [1, 1.1, 1.2, 1.5]), (5.8, [1, 2, 5, 10, 20, 50])],
 )
-def test_an_axis_of_areas_has_round_factors(widest, factors):
+def test_axis_of_areas_has_round_factors(widest, factors):
     np.testing.assert_allclose(2 ** np.array(trade_off.area_ticks(widest)), factors)
 
 
-def test_what_is_under_the_mouse_is_told():
+def test_tooltip_of_an_iteration():
     coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
     assert energy.stage_text(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
     assert energy.stage_text(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
@@ -85,7 +89,7 @@ def test_what_is_under_the_mouse_is_told():
         (Range(0.0, 1.0, log=True), (0.0, 1e-6, 1e-4, 0.5, 1.0)),
     ],
 )
-def test_a_place_and_its_value_belong_together(ends, values):
+def test_slider_positions_and_values_are_inverse(ends, values):
     shares = [ends.share_of(value) for value in values]
     assert (shares[0], shares[-1]) == (0, 1)
     assert shares == sorted(shares)
@@ -93,8 +97,8 @@ def test_a_place_and_its_value_belong_together(ends, values):
         assert ends.value_at(share) == pytest.approx(value, rel=1e-9)
 
 
-def test_a_logarithmic_slider_from_0_has_a_range_for_0():
-    """It has nothing below its decades."""
+def test_logarithmic_slider_from_0_has_a_range_for_0():
+    """Values below its decades are not possible."""
     ends = Range(0, 1, log=True)
     assert ends.value_at(0.01) == 0
     assert ends.value_at(0.05) == pytest.approx(1e-6)

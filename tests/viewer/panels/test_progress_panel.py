@@ -1,4 +1,4 @@
-"""What the window says of long work: the solver's steps, and what is computed in the background."""
+"""Progress of long operations: steps of the solver, and background computations."""
 
 import threading
 
@@ -11,7 +11,7 @@ from abfm_viewer.session.loading import Load
 from tests.viewer.sessions import SPHERE, opened, until
 
 
-def test_a_job_tells_what_it_does_until_it_is_done():
+def test_job_reports_its_step_until_it_is_done():
     go_on, latest = threading.Event(), Latest()
 
     def job():
@@ -28,19 +28,19 @@ def test_a_job_tells_what_it_does_until_it_is_done():
     latest.close()
 
 
-def test_functions_tell_what_takes_long_also_from_their_process(monkeypatch):
+def test_evaluation_reports_steps_from_its_subprocess(monkeypatch):
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
     functions = evaluation.Functions(mesh)
-    told = []
-    with progress.reporting_steps(told.append):
+    steps = []
+    with progress.reporting_steps(steps.append):
         functions.evaluate("eigenfunction:3")
-    assert "computing eigenfunctions: 32" in [now.task for now in told if now]
-    assert told[-1] is None
+    assert "computing eigenfunctions: 32" in [now.task for now in steps if now]
+    assert steps[-1] is None
     functions.retire()
 
 
-def test_what_is_busy_is_said_with_its_step():
+def test_background_computation_is_shown_with_its_step():
     session = opened()
     go_on = threading.Event()
 

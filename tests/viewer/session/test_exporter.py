@@ -1,4 +1,4 @@
-"""Exports beside the running app: the process that draws, its progress, and its end."""
+"""Exports in the background: the drawing process, its progress, and cancelling."""
 
 import threading
 from dataclasses import replace
@@ -22,7 +22,7 @@ CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.2", "gaussian:x=0,y=1,z=0,width=
 
 @pytest.fixture(scope="module")
 def document():
-    """A short match on a sphere."""
+    """Return a document with a short match on a sphere."""
     mesh = icosphere(2)
     f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in SIDES)
     match = abfm.match(mesh, f, g, abfm.Parameters.of(iterations=3, refine=0))
@@ -32,13 +32,13 @@ def document():
 
 @pytest.fixture
 def exporter(tmp_path, monkeypatch):
-    """One with small settings whose temporary files can be seen, and what it said at its end."""
+    """Return an exporter with small settings; `reports` are its messages."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
-    said = []
-    exporter = Exporter(lambda *words: said.append(words))
-    exporter.said = said
+    reports = []
+    exporter = Exporter(lambda *words: reports.append(words))
+    exporter.reports = reports
     exporter.picture = PictureSettings(320, 240)
     exporter.movie = MovieSettings(seconds=0.5, fps=10)
     yield exporter
@@ -48,7 +48,7 @@ def exporter(tmp_path, monkeypatch):
 
 @pytest.fixture
 def out(tmp_path):
-    """A folder for what is exported."""
+    """Return a folder for exported files."""
     folder = tmp_path / "out"
     folder.mkdir()
     return folder
@@ -71,7 +71,7 @@ def test_cancelled_movie_reports_progress_and_leaves_older_file(exporter, docume
 
 
 def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
-    """Before the process starts if they are known."""
+    """Known errors are reported before the process starts."""
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
     exporter.save_picture(out / "a.png", unknown, dict)
     exporter.wait()
@@ -91,22 +91,24 @@ def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
     exporter.movie = replace(exporter.movie, fps=60)
     exporter.save_movie(out / "a.gif", document, dict)
     exporter.wait()
-    said, failed = exporter.said[-1]
+    text, failed = exporter.reports[-1]
     assert failed
-    check_message(said, "fps", 60, ".gif", 50)
+    check_message(text, "fps", 60, ".gif", 50)
     assert list(out.iterdir()) == []
 
 
-def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch):
-    asked = []
-    monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_in_subprocess(10**9)))
+def test_exports_factor_large_systems_in_a_subprocess(exporter, document, out, monkeypatch):
+    is_in_subprocess = []
+    monkeypatch.setattr(
+        outputs, "write", lambda *_: is_in_subprocess.append(is_factored_in_subprocess(10**9))
+    )
     exporter.save_result(out / "a.npz", document.result, lambda: None)
     exporter.wait()
-    assert asked == [True]
+    assert is_in_subprocess == [True]
 
 
-def test_saves_report_their_steps_and_wait_for_the_one_before(exporter, document, out, monkeypatch):
-    """Cancelled they all end."""
+def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatch):
+    """Cancelling ends all of them."""
     may_write, written = threading.Event(), []
 
     def write(path, found):
@@ -128,12 +130,12 @@ def test_saves_report_their_steps_and_wait_for_the_one_before(exporter, document
     may_write.set()
     exporter.wait()
     assert written == ["a.html", "b.ply", "c.npz"]
-    assert [text for text, _ in exporter.said] == [f"saved {out / name}" for name in written]
+    assert [text for text, _ in exporter.reports] == [f"saved {out / name}" for name in written]
     assert not exporter.running
     may_write.clear()
     save("d.html", "e.npz")
     exporter.cancel()
     may_write.set()
     exporter.wait()
-    assert exporter.said[3:] == [("export cancelled", False)]
+    assert exporter.reports[3:] == [("export cancelled", False)]
     assert len(written) == 3

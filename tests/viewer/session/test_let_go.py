@@ -1,4 +1,4 @@
-"""What a session lets go: of meshes that were left only what undo and unsaved work need stays."""
+"""Memory of a session: unused meshes keep only the data that undo and unsaved documents need."""
 
 import gc
 import threading
@@ -52,7 +52,7 @@ def threads():
 
 
 def test_other_meshes_have_no_threads(session):
-    """They are there after undo."""
+    """Undo starts them again."""
     first, values = session.surface().mesh, session.values("source")
     show(session, "second")
     most = len(threads()) + 1  # one more may have been needed at a time
@@ -60,27 +60,27 @@ def test_other_meshes_have_no_threads(session):
     until(lambda: len(threads()) <= most, session)
     undo(session, 13, waits=False)
     assert session.surface().mesh is first
-    assert session.values("source") is values  # what is shown of it is there at once
+    assert session.values("source") is values  # shown values are kept
     assert session.outdated is False
-    session.editor.set_spec("source", "coordinate:z")  # and what is not is evaluated
+    session.editor.set_spec("source", "coordinate:z")  # other functions are evaluated again
     ready(session)
     np.testing.assert_array_equal(session.values("source"), first.vertices[:, 2])
     until(lambda: len(threads()) <= most, session)
 
 
 def test_caches_of_other_meshes_are_dropped(session):
-    """They are made again after undo."""
+    """After undo they are computed again."""
     first = matched(session).surface().mesh
     assert first.cache
     show(session, "second", "third")
     assert not first.cache
-    undo(session, 3)  # the match, too
+    undo(session, 3)  # also undoes the match
     assert matched(session).result.mesh is first
     assert first.cache
 
 
-def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
-    """With their saved states."""
+def test_meshes_outside_the_history_are_released(session, tmp_path, monkeypatch):
+    """Their saved states are released as well."""
     monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 5)
     seen = weakref.WeakSet()
     for number in range(9):
@@ -88,17 +88,17 @@ def test_meshes_out_of_reach_are_released(session, tmp_path, monkeypatch):
         seen.add(session.surface().mesh)
         session.saves.record(session.document, Origin.of(tmp_path / f"{number}.abfm"))
     gc.collect()
-    assert len(seen) <= 5 + 2  # undo's, the present one, and what was computed last
+    assert len(seen) <= 5 + 2  # those of undo, the current mesh, and the latest computation
 
 
-def test_unsaved_work_stays_though_undo_leads_there_no_more(session, monkeypatch):
+def test_unsaved_results_outside_the_history_are_kept(session, monkeypatch):
     monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 2)
     found = matched(session).result
     show(session, *(f"mesh {number}" for number in range(5)))
-    assert found in [left.result for left in session.saves.unsaved_documents]
+    assert found in [unsaved.result for unsaved in session.saves.unsaved_documents]
 
 
-def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
+def test_memory_of_the_history_is_bounded(session, monkeypatch):
     held = vars(matched(session).result).values()
     size = sum({id(part): part.nbytes for part in held if isinstance(part, np.ndarray)}.values())
     del held
@@ -119,7 +119,8 @@ def test_results_of_undo_take_a_bounded_amount_of_memory(session, monkeypatch):
     assert set(threads()) - set(before) <= {"solver"}
 
 
-def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
+def test_the_latest_step_can_always_be_undone(session, monkeypatch):
+    """Even if it exceeds the limit of memory."""
     monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 0)
     start = session.document
     found = matched(session).result
@@ -132,14 +133,14 @@ def test_one_step_can_be_taken_back_however_large_it_is(session, monkeypatch):
     assert session.parameters == start.parameters
 
 
-def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch):
+def test_only_the_current_mesh_has_an_evaluation_process(session, monkeypatch):
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     before = children()
     show(session, *(f"mesh {number}" for number in range(3)))
     until(lambda: len(children() - before) == 1, session)
 
 
-def test_values_from_files_stay_with_a_mesh_that_was_left(session, tmp_path):
+def test_values_from_files_are_kept_with_unused_meshes(session, tmp_path):
     values, path = np.linspace(0, 1, len(session.surface().mesh.vertices)), tmp_path / "values.npy"
     np.save(path, values)
     for spec in (f"file:{path}", "coordinate:z"):
@@ -151,7 +152,7 @@ def test_values_from_files_stay_with_a_mesh_that_was_left(session, tmp_path):
     np.testing.assert_allclose(session.values("source"), values)
 
 
-def test_a_desk_forgets_which_sample_a_mesh_was(desk, tmp_path):
+def test_names_of_samples_are_released_with_their_documents(desk, tmp_path):
     path = off_file(tmp_path / "small.off", icosphere(1))
     for _ in range(3):
         desk.open(path)

@@ -1,4 +1,4 @@
-"""A session's runs: begun, followed, failed; remedies, and what is shown of a match that ended."""
+"""Runs of a session: changes during a run, failures, remedies, and the view after a match."""
 
 import itertools
 from types import SimpleNamespace
@@ -23,37 +23,37 @@ BLIND = Parameters.of(reach=0.0, iterations=40, refine=0, divergence=1.0)
 
 
 @pytest.fixture
-def asked(monkeypatch):
-    """For which meshes and numbers of levels coarser meshes were made."""
-    asked = []
+def requests(monkeypatch):
+    """Return the meshes and numbers of levels for which coarse meshes were made."""
+    requests = []
     monkeypatch.setattr(
         Matching,
         "prepare",
-        lambda _, mesh, parameters: asked.append((mesh, parameters.solver.levels)),
+        lambda _, mesh, parameters: requests.append((mesh, parameters.solver.levels)),
     )
-    return asked
+    return requests
 
 
-def test_coarse_meshes_are_made_ahead_once(asked, session):
-    """For each mesh and number of levels."""
-    until(lambda: asked, session)
+def test_coarse_meshes_are_prepared_once(requests, session):
+    """Once for each mesh and number of levels."""
+    until(lambda: requests, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
         until(lambda: not session.work._coarse_meshes.busy)
         for _ in range(3):
             session.update()
             until(lambda: not session.work._coarse_meshes.busy)
-    assert asked == [(SPHERE, 0), (SPHERE, 2)]
+    assert requests == [(SPHERE, 0), (SPHERE, 2)]
     off_the_screen = Session(SPHERE, "sphere", at_once=True)  # where none are needed
     off_the_screen.editor.amend(channels=(PAIR,))
     for _ in range(2):
         off_the_screen.update()
         assert not off_the_screen.obstacle
-    assert len(asked) == 2
+    assert len(requests) == 2
     off_the_screen.close()
 
 
-def test_a_warm_start_converts_fields_and_tau(session):
+def test_warm_start_converts_fields_and_tau(session):
     session.editor.set_parameter(method="linearised", segments=3)
     linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
@@ -64,8 +64,8 @@ def test_a_warm_start_converts_fields_and_tau(session):
     assert session.result.residual < linearised
 
 
-def test_a_run_follows_a_dragged_gaussian_at_once(endless):
-    """It follows alpha when the mouse is released; Match does nothing meanwhile."""
+def test_run_follows_a_dragged_gaussian_at_once(endless):
+    """It follows alpha when the mouse is released; Match has no effect meanwhile."""
     started = solving(endless).solver.started
     endless.match()
     assert endless.solver.started == started
@@ -92,16 +92,16 @@ def test_a_run_follows_a_dragged_gaussian_at_once(endless):
     assert endless.active == PAIR  # one step
 
 
-def test_a_result_for_a_replaced_mesh_is_unsaved(endless):
+def test_result_for_a_replaced_mesh_is_unsaved(endless):
     """It is not shown."""
     solving(endless)
     endless.set_mesh(TORUS, "torus")
     end_run(endless)
     ready(endless)
     assert (endless.result, endless.document.runs, endless.solver.finished) == (None, (), False)
-    [left] = endless.saves.unsaved_documents
-    assert left.surface().mesh is SPHERE
-    assert left.result is not None
+    [unsaved] = endless.saves.unsaved_documents
+    assert unsaved.surface().mesh is SPHERE
+    assert unsaved.result is not None
     assert not endless.notices.cards
     endless.undo()
     endless.update()
@@ -109,7 +109,7 @@ def test_a_result_for_a_replaced_mesh_is_unsaved(endless):
     assert endless.result is None
 
 
-def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
+def test_undo_does_not_close_a_mesh_during_its_match(session):
     session.set_mesh(TORUS, "torus")
     session.editor.set_parameter(**ENDLESS.to_dict())
     ready(session)
@@ -137,7 +137,7 @@ def test_unknown_functions_do_not_end_a_run(endless):
     assert not solver.failed, solver.reason
 
 
-def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
+def test_failed_run_keeps_its_best_field(endless, monkeypatch):
     endless.editor.amend(parameters=ENDLESS.with_values(levels=1))
     solving(endless)
     monkeypatch.setattr(endless.matching, "_yield_to_next", lambda: 1 / 0)
@@ -157,14 +157,14 @@ def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
 
 @pytest.fixture
 def missed():
-    """A session whose match has not reached its target."""
+    """Return a session whose match has not reached its target."""
     session = matched(sessions.opened(BLIND, FAR))
     yield session
     session.close()
 
 
-def test_the_first_remedy_comes_closer_in_one_step(missed):
-    """Unless the user did something meanwhile."""
+def test_first_remedy_improves_the_match_in_one_step(missed):
+    """The step is separate if the user changed something meanwhile."""
     before, result = missed.document, missed.result
     assert result.verdict.kind == "not reached"
     first = result.verdict.remedies[0]
@@ -188,8 +188,8 @@ def test_the_first_remedy_comes_closer_in_one_step(missed):
     assert missed.editor.undo_label == "match"
 
 
-def test_continue_starts_from_the_present_field(missed):
-    """During a run a remedy changes nothing."""
+def test_continue_starts_from_the_current_field(missed):
+    """During a run a remedy has no effect."""
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
     assert not missed.matching.warm
     missed.remedy(Remedy("Continue", "go on", {}, True))
@@ -207,7 +207,7 @@ def test_continue_starts_from_the_present_field(missed):
 
 @pytest.fixture
 def flowing(session):
-    """One that shows its flow after a match."""
+    """Return a session that shows the flow after a match."""
     session.switch_flow_after_match()
     return session
 
@@ -217,7 +217,7 @@ def shows_flow(session):
 
 
 def test_playing_waits_for_its_pictures(flowing, tmp_path):
-    """Saved work stays saved, and the flow goes with the match by undo."""
+    """The document stays saved, and undo removes the flow together with the match."""
     flowing.player.waiting = True
     matched(flowing)
     flowing.saves.record(flowing.document, Origin.of(tmp_path / "a.abfm"))
@@ -232,7 +232,7 @@ def test_playing_waits_for_its_pictures(flowing, tmp_path):
     assert not shows_flow(flowing)
 
 
-def test_what_the_user_does_stops_it(flowing):
+def test_actions_of_the_user_stop_playing(flowing):
     matched(flowing)
     for do in (
         lambda: flowing.set_time(0.5),
@@ -247,7 +247,7 @@ def test_what_the_user_does_stops_it(flowing):
 
 
 def test_the_flow_of_a_cancelled_run_is_shown(endless):
-    """Unless that is switched off."""
+    """Unless showing the flow is switched off."""
     end_run(solving(endless))
     assert (endless.player.playing, endless.time) == (False, endless.parameters.tau)
     assert not shows_flow(endless)
@@ -259,7 +259,7 @@ def test_the_flow_of_a_cancelled_run_is_shown(endless):
 
 @pytest.fixture
 def ball():
-    """A session whose view may be given anew, and told of a match."""
+    """Return a session with a function that sets the view and reports a match."""
     session = Session(SPHERE, "ball")
 
     def view_of_flow(velocity=1.0, **view):
@@ -273,13 +273,13 @@ def ball():
 
 
 @pytest.mark.parametrize("quickly", [False, True])
-def test_streaks_on_small_meshes_where_drawing_is_quick(ball, quickly):
+def test_quick_machines_show_streaks_on_small_meshes(ball, quickly):
     ball.draws_quickly = quickly
     view = ball.view_of_flow()
     assert (view.arrows, view.streaks) == (not quickly, quickly)
 
 
-def test_the_view_of_the_flow_keeps_choices_of_the_user(ball):
+def test_view_after_a_match_keeps_choices_of_the_user(ball):
     assert ball.view_of_flow(velocity=0.0) is None  # no flow to see
     assert ball.view_of_flow(flow_after_match=False) is None
     for chosen in ({"streaks": True}, {"coloring": "speed"}):

@@ -1,4 +1,4 @@
-"""Other steps of a match's path in a session: computed aside, a step of undo each, saved."""
+"""Steps of a match's path in a session: computed in the background, undone and saved."""
 
 import threading
 from dataclasses import replace
@@ -15,7 +15,7 @@ from tests.viewer.sessions import matched, stepped, until
 
 @pytest.fixture
 def walked(session):
-    """A session after a match that has a path of three steps and is in a file."""
+    """Return a session with a saved match whose path has three steps."""
     session.editor.amend(result=stepped(matched(session).result))
     session.saves.record(session.document, None)
     return session
@@ -26,8 +26,8 @@ def go(session, step):
     until(lambda: session.result.step == step, session)
 
 
-def test_a_step_replaces_the_result_until_undo(walked):
-    """The solver's choice also goes back."""
+def test_step_replaces_the_result_until_undo(walked):
+    """Undo also restores the solver's choice."""
     found, steps = walked.result, walked.steps
     go(walked, 0)
     assert walked.result.residual == found.path[0].residual
@@ -40,7 +40,7 @@ def test_a_step_replaces_the_result_until_undo(walked):
     assert steps.solver_step == 2
     walked.undo()
     assert (walked.result.step, steps.solver_step) == (0, 2)
-    steps.show(7)  # the last one there is, known from the history with all that was said of it
+    steps.show(7)  # the last one there is, taken from the history with all its facts
     assert walked.result is found
     assert walked.document.solver_step is None
     walked.undo()
@@ -52,14 +52,14 @@ def test_a_step_replaces_the_result_until_undo(walked):
 
 @pytest.fixture
 def slow(walked, held):
-    """The same, where a step takes until the event that is returned."""
+    """Return that session, with an event until which computing a step waits."""
     _, may = held(Match, "at_step")
     yield walked, may
     may.set()
 
 
 def test_the_latest_request_wins(slow):
-    """A request for another match is dropped."""
+    """A request for a previous match is dropped."""
     session, may = slow
     found = session.result
     for step in (0, 1):
@@ -77,7 +77,7 @@ def test_the_latest_request_wins(slow):
     assert session.result.path != found.path
 
 
-def test_a_step_wins_over_an_earlier_bound(slow, monkeypatch):
+def test_step_wins_over_an_earlier_bound(slow, monkeypatch):
     session, may = slow
     found, bounded = session.result, threading.Event()
 
@@ -96,7 +96,7 @@ def test_a_step_wins_over_an_earlier_bound(slow, monkeypatch):
 
 
 @pytest.mark.parametrize("change", ["limit_distortion", "undo", "match"])
-def test_a_later_change_wins_over_a_step(slow, monkeypatch, change):
+def test_later_change_wins_over_a_step(slow, monkeypatch, change):
     session, may = slow
     session.editor.set_spec("source", session.channels[0].source.replace("0.15", "0.16"))
     until(lambda: not session.obstacle, session)
@@ -110,7 +110,7 @@ def test_a_later_change_wins_over_a_step(slow, monkeypatch, change):
     assert session.result.step != 0
 
 
-def test_a_step_whose_flow_cannot_be_followed_says_so(walked, monkeypatch):
+def test_error_while_computing_a_step_is_shown(walked, monkeypatch):
     def fails(*_):
         raise AbfmError("too fast")
 

@@ -1,4 +1,4 @@
-"""Rows and subjects are called as their table calls them."""
+"""Names of rows, functions and subjects from their tables, and the search."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from tests.shapes import icosphere
 _MATCHED = Facts(Outcome.MATCHED, "matched")
 
 
-def test_a_film_is_called_by_its_row():
+def test_sequence_has_the_name_of_its_row():
     path = Path("85b823f4.npz")
     row = ResultRow(0, "f1", _MATCHED, path)
     document = row.label_document(document_of_sequence(solved(), path))
@@ -28,7 +28,7 @@ def test_a_film_is_called_by_its_row():
     assert not document.is_outdated
 
 
-def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
+def test_functions_of_a_row_have_the_names_of_the_table(tmp_path):
     given = {"a": "a.off", "b": "b.off", "source": "curvature:mean", "target": "file:b.npy"}
     texts = _texts(Ledger(tmp_path).entry(Row("r", given)))
     assert texts == (("curvature:mean", "file:b.npy"),)
@@ -43,7 +43,7 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     assert two.label_document(opened).display_names == {}
 
 
-def test_what_is_searched_for_is_a_phrase_or_words():
+def test_search_finds_a_phrase_or_all_words():
     reason = "the residual fell from 1.2 to 0.01 (0.021 by flow lines)"
     facts = replace(_MATCHED, reason=reason)
     names = [f"alpha {a}, sigma {s}" for a in (0.01, 0.1) for s in (0.02, 0.1)]
@@ -56,14 +56,14 @@ def test_what_is_searched_for_is_a_phrase_or_words():
     assert found("") == found("  ") == [0, 1, 2, 3]
     assert (
         found("sigma 0.02") == found(" Sigma  0.02 ") == [0, 2]
-    )  # not those that 0.021 is left of
+    )  # not rows with 0.021 in their reason
     assert found("alpha 0.1, sigma 0.1") == [3]
     assert found("0.02 alpha") == found("matched sigma") == [0, 1, 2, 3]
     assert found("sigma 0.3") == []
 
 
 class _Population:
-    """As much of one as a document needs."""
+    """The attributes of a population that a document needs."""
 
     def __init__(self):
         self.template = icosphere(1)
@@ -77,7 +77,7 @@ class _Population:
         return self.values[1 - subject, :, channel]
 
 
-def test_channels_of_a_subject_are_called_by_their_names():
+def test_channels_of_a_subject_have_their_names():
     table = PopulationTable(Path("pop"), "population pop", (), _Population())
     row = ResultRow(0, "sub-0", Facts(Outcome.REGISTERED, "registered"))
     document, _ = document_of_subject(table, row, "difference")

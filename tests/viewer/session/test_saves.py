@@ -1,4 +1,4 @@
-"""What is in a file, and what is not."""
+"""Unsaved changes of a sequence after exports and projects."""
 
 from dataclasses import replace
 from functools import partial
@@ -13,9 +13,9 @@ from tests.core.sequences.rotating_sphere import solved
 
 
 @pytest.fixture
-def film(session):
-    """A session with a film whose fields are in no file."""
-    found = document_of_sequence(solved(), Path("film.npz"))
+def sequence_session(session):
+    """Return a session with a sequence whose fields are not saved."""
+    found = document_of_sequence(solved(), Path("sequence.npz"))
     session.restore(replace(found, result=None), {}, None)
     session.reset_history()
     session.editor.change("match all frames", result=found.result)
@@ -23,40 +23,44 @@ def film(session):
     return session
 
 
-def exported(film, path):
-    """Write a sequence as the tab Export does."""
-    told = []
-    exporter = Exporter(lambda text, failed: told.append((text, failed)))
-    document, saves = film.document, film.saves
+def export(sequence_session, path):
+    """Export a sequence as the tab Export does."""
+    reports = []
+    exporter = Exporter(lambda text, failed: reports.append((text, failed)))
+    document, saves = sequence_session.document, sequence_session.saves
     exporter.save_result(path, document.result, partial(saves.record_export, document))
     exporter.wait()
-    assert told == [(f"saved {path}", False)]
+    assert reports == [(f"saved {path}", False)]
 
 
-def test_a_sequence_in_its_own_file_is_saved(film, tmp_path):
-    """Other files hold less."""
-    exported(film, tmp_path / "film-lh.stc")
-    assert film.saves.unsaved
-    exported(film, tmp_path / "film.npz")
-    assert not film.saves.unsaved
-    assert film.saves.unsaved_documents == ()
-    film.restore(replace(film.document, identity=Identity()), {}, None)
-    assert film.saves.unsaved_documents == ()
+def test_exported_sequence_file_counts_as_saved(sequence_session, tmp_path):
+    """Other formats contain less."""
+    export(sequence_session, tmp_path / "sequence-lh.stc")
+    assert sequence_session.saves.unsaved
+    export(sequence_session, tmp_path / "sequence.npz")
+    assert not sequence_session.saves.unsaved
+    assert sequence_session.saves.unsaved_documents == ()
+    sequence_session.restore(replace(sequence_session.document, identity=Identity()), {}, None)
+    assert sequence_session.saves.unsaved_documents == ()
 
 
-def test_what_a_file_of_a_sequence_does_not_hold_is_unsaved(film, tmp_path):
-    exported(film, tmp_path / "film.npz")
-    film.editor.set_sequence_settings(gamma=3.0)
-    assert film.saves.changes(film.document) == ("settings",)
-    film.saves.record_export(film.document)  # whose file has the settings of its fields
-    assert film.saves.changes(film.document) == ("settings",)
-    film.undo()
-    film.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))
-    assert film.saves.changes(film.document) == ("lines",)
+def test_parts_missing_in_a_sequence_file_are_unsaved(sequence_session, tmp_path):
+    export(sequence_session, tmp_path / "sequence.npz")
+    sequence_session.editor.set_sequence_settings(gamma=3.0)
+    assert sequence_session.saves.changes(sequence_session.document) == ("settings",)
+    sequence_session.saves.record_export(
+        sequence_session.document
+    )  # with the settings of the fields
+    assert sequence_session.saves.changes(sequence_session.document) == ("settings",)
+    sequence_session.undo()
+    sequence_session.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))
+    assert sequence_session.saves.changes(sequence_session.document) == ("lines",)
 
 
-def test_a_recovered_film_is_saved_by_a_file_of_its_sequence(film, tmp_path):
-    film.restore(replace(film.document, identity=Identity()), {}, None, saved=False)
-    assert film.saves.unsaved
-    exported(film, tmp_path / "film.npz")
-    assert not film.saves.unsaved
+def test_recovered_sequence_is_saved_by_an_export(sequence_session, tmp_path):
+    sequence_session.restore(
+        replace(sequence_session.document, identity=Identity()), {}, None, saved=False
+    )
+    assert sequence_session.saves.unsaved
+    export(sequence_session, tmp_path / "sequence.npz")
+    assert not sequence_session.saves.unsaved

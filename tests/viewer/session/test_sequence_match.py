@@ -1,4 +1,4 @@
-"""A sequence's match: killed and cancelled runs resume, and the session takes their results."""
+"""Match of a sequence: killed and cancelled runs resume, and the session takes their results."""
 
 import os
 import signal
@@ -34,24 +34,24 @@ DOCUMENT = SequenceDocument(
 
 
 @pytest.fixture(scope="module")
-def whole():
+def complete():
     return abfm.sequence(SPHERE, FRAMES, None, defaults(sigma=0.3), 0.5)
 
 
 class CollectedMatch(SequenceMatch):
-    """A film's match whose result is taken by `ended`."""
+    """Match of a sequence whose result is returned by `ended`."""
 
     def __init__(self):
         self.run = Run(Process())
         super().__init__(self.run)
 
     def begin(self, document, resumes_only=False):
-        self.start(document, lambda began, found: setattr(self, "left", found), resumes_only)
+        self.start(document, lambda began, found: setattr(self, "result", found), resumes_only)
 
     def ended(self):
         assert self.run.wait(60)
         self.run.collect()
-        return self.left
+        return self.result
 
 
 @pytest.fixture
@@ -62,8 +62,8 @@ def match(tmp_path):
     match.run.close()
 
 
-def kept(folder):
-    """How many fields are in the file beside the copy."""
+def stored(folder):
+    """Return the number of fields in the checkpoint."""
     with suppress(ValueError, OSError):
         [path] = folder.glob("copy.abfm-*.unfinished")
         with np.load(path) as arrays:
@@ -72,39 +72,37 @@ def kept(folder):
 
 
 def kill(match, folder, last=None):
-    """Kill the process of a match, another one than the last, once it has kept a field more."""
-    before = kept(folder)
-    until(lambda: kept(folder) > before and match.run.process._worker.pid not in (None, last))
+    """Kill the process of a match when it has stored another field; return its number."""
+    before = stored(folder)
+    until(lambda: stored(folder) > before and match.run.process._worker.pid not in (None, last))
     os.kill(pid := match.run.process._worker.pid, signal.SIGKILL)
     return pid
 
 
-def test_what_a_run_found_that_failed_is_there_for_the_next_one(
-    match, whole, tmp_path, monkeypatch
-):
-    """A process that is killed is started again, and resumes."""
+def test_next_run_resumes_from_a_failed_one(match, complete, tmp_path, monkeypatch):
+    """A killed process is started again and resumes."""
     monkeypatch.setattr(sequence_match, "_TRIES", 2)
     match.begin(DOCUMENT)
     kill(match, tmp_path, kill(match, tmp_path))
     assert match.ended() is None
     assert match.run.reason == sequence_match._ENDED_MESSAGE
     assert match.found_count(DOCUMENT) == 0
-    count = kept(tmp_path)
+    count = stored(tmp_path)
     assert count >= 2
     match.begin(DOCUMENT)
     until(lambda: match.found_count(DOCUMENT) >= count)
     assert match.fast_speed(DOCUMENT) > 0
     found = match.ended()
-    np.testing.assert_array_equal(found.velocity, whole.velocity)
-    assert found.confirmed == whole.confirmed == 23
+    np.testing.assert_array_equal(found.velocity, complete.velocity)
+    assert found.confirmed == complete.confirmed == 23
 
 
-def test_what_was_found_is_told_without_going_on(match, tmp_path):
+def test_checkpoint_is_returned_without_solving(match, tmp_path):
     match.begin(DOCUMENT)
-    until(lambda: kept(tmp_path))
+    until(lambda: stored(tmp_path))
     match.run.cancel()
     match.ended()
-    count = kept(tmp_path)
+    count = stored(tmp_path)
     assert 0 < count < 23
     match.begin(DOCUMENT, resumes_only=True)
     found = match.ended()
@@ -115,7 +113,7 @@ def test_what_was_found_is_told_without_going_on(match, tmp_path):
     assert not match.ended().solved.any()
 
 
-def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
+def test_without_a_path_there_is_no_checkpoint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     match = CollectedMatch()
     match.begin(DOCUMENT)
@@ -128,7 +126,7 @@ def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
 
 @pytest.fixture
 def long_sequence(session, tmp_path):
-    """A session on a sequence of many frames."""
+    """Return a session with a sequence of many frames."""
     session.sequence_match.checkpoint_base = lambda document: tmp_path / "copy.abfm"
     angles = 0.1 * np.arange(120)[:, None]
     x, y, _ = SPHERE.vertices.T
@@ -139,7 +137,7 @@ def long_sequence(session, tmp_path):
 
 
 def cancelled(session, when):
-    """Cancel a run at a condition, and return the sequence and the report."""
+    """Cancel a run when a condition holds; return the sequence and the message."""
     session.match()
     until(lambda: when(session), session)
     session.solver.cancel()
@@ -151,29 +149,29 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
     def found(count):
         return lambda session: session.sequence_match.found_count(session.document) > count
 
-    sequence, told = cancelled(long_sequence, lambda session: session.solver.running)
-    assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
-    first, told = cancelled(long_sequence, found(1))
+    sequence, text = cancelled(long_sequence, lambda session: session.solver.running)
+    assert (sequence, text) == (None, "cancelled: 0 of 119 intervals found")
+    first, text = cancelled(long_sequence, found(1))
     solved = first.solved.tolist()
     count = sum(solved)
     assert solved == [True] * count + [False] * (119 - count)
     for interval, is_found in enumerate(solved):
         field = long_sequence.sequence_match.field(long_sequence.document, interval)
         assert (field is not None) == is_found == bool(first.velocity[interval].any())
-    check_names(told, "cancelled", count, 119)
-    second, told = cancelled(long_sequence, found(count))  # it resumes
+    check_names(text, "cancelled", count, 119)
+    second, text = cancelled(long_sequence, found(count))  # it resumes
     now = int(second.solved.sum())
     assert now > count
-    check_names(told, "cancelled", now, 119, count)
+    check_names(text, "cancelled", now, 119, count)
     long_sequence.undo()
     assert long_sequence.document.result is first
     long_sequence.redo()
     assert long_sequence.document.result is second
     long_sequence.editor.set_sequence_settings(alpha=2.0)  # with which nothing was found
-    third, told = cancelled(long_sequence, lambda session: session.solver.running)
+    third, text = cancelled(long_sequence, lambda session: session.solver.running)
     again = 0 if third is second else int(third.solved.sum())
     assert again < now
-    check_names(told, "cancelled", again, 119)
+    check_names(text, "cancelled", again, 119)
 
 
 def test_chosen_settings_are_shown_and_stay_automatic(session):

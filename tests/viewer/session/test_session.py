@@ -1,4 +1,4 @@
-"""The session without a window: what the user does, undoes and plays, and what frames show."""
+"""Sessions without a window: editing, undo, playback, and frames."""
 
 import time
 from dataclasses import replace
@@ -23,13 +23,13 @@ TORUS = torus(24, 12)
 
 @pytest.fixture
 def fresh():
-    """One that has no functions yet."""
+    """Return a session without functions."""
     session = Session(SPHERE, "sphere")
     yield session
     session.close()
 
 
-def test_a_new_mesh_gets_functions_to_match(fresh):
+def test_new_mesh_gets_default_functions(fresh):
     assert "chosen" in fresh.obstacle
     fresh.match()
     assert not fresh.solver.running
@@ -39,7 +39,7 @@ def test_a_new_mesh_gets_functions_to_match(fresh):
     assert (fresh.editor.undo_label, fresh.saves.unsaved) == ("", False)
 
 
-def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
+def test_functions_with_errors_prevent_a_match(session):
     session.editor.set_spec("source", "gaussian:vertex=100000,width=0.1")
     assert "computed" in session.obstacle
     until(lambda: "computed" not in session.obstacle, session)
@@ -58,8 +58,8 @@ def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
     assert session.document.mask == "indicator:vertex=100000,radius=1"
 
 
-def test_senseless_masks_and_extreme_functions_are_refused(session):
-    """Functions beyond the precision of the screen cannot be shown."""
+def test_invalid_masks_and_extreme_functions_are_refused(session):
+    """Functions beyond single precision cannot be shown."""
     for mask in ("expression:0*x", "coordinate:x"):
         session.editor.set_mask(mask)
         until(lambda: "computed" not in session.obstacle, session)
@@ -73,8 +73,8 @@ def test_senseless_masks_and_extreme_functions_are_refused(session):
         ready(session)
 
 
-def test_another_mesh_starts_with_defaults(fresh):
-    """Parameters and what is shown are not those of the document before, as of a figure."""
+def test_new_mesh_starts_with_default_parameters_and_view(fresh):
+    """Parameters and view of the previous document, such as a figure, are not kept."""
     wanted = replace(fresh.view, theme="dark", error=True, streaks=True, part="commuting")
     fresh.editor.amend(parameters=Parameters(sigma=0.5, tau=2.0), view=wanted)
     fresh.set_mesh(TORUS, "torus")
@@ -84,7 +84,7 @@ def test_another_mesh_starts_with_defaults(fresh):
     assert (fresh.parameters.sigma, fresh.view) == (0.5, wanted)
 
 
-def test_a_second_surface_keeps_the_parameters(fresh):
+def test_second_surface_keeps_the_parameters(fresh):
     fresh.editor.amend(parameters=Parameters(sigma=0.5), view=replace(fresh.view, arrows=True))
     fresh.set_surfaces(fresh.surface(), Surface(TORUS, "torus"))
     assert (fresh.parameters.sigma, fresh.view.arrows) == (0.5, True)
@@ -108,7 +108,7 @@ def test_values_of_one_mesh_are_never_shown_on_another(fresh):
     assert len(fresh.values("source")) == len(SPHERE.vertices)
 
 
-def test_what_makes_a_result_outdated_and_what_does_not(session, monkeypatch):
+def test_changes_that_make_a_result_outdated(session, monkeypatch):
     matched(session)
     for change in (
         lambda: session.editor.set_parameter(alpha=0.5),
@@ -127,7 +127,7 @@ def test_what_makes_a_result_outdated_and_what_does_not(session, monkeypatch):
         assert not session.outdated
     session.set_time(0.2)
     session.editor.set_view("darken", theme="dark")
-    session.editor.set_spec("source", PAIR.source + " ")  # says the same
+    session.editor.set_spec("source", PAIR.source + " ")  # an equal spec
     ready(session)
     assert not session.outdated
     monkeypatch.setattr(np, "array_equal", lambda *_: pytest.fail("asking compares in each frame"))
@@ -136,7 +136,7 @@ def test_what_makes_a_result_outdated_and_what_does_not(session, monkeypatch):
         assert not session.outdated
 
 
-def test_a_masked_and_weighted_result_is_not_outdated(session):
+def test_masked_and_weighted_result_is_not_outdated(session):
     session.editor.set_mask("expression:1 + x * x")
     session.editor.set_weight(3.0)
     ready(session)
@@ -156,7 +156,7 @@ def test_parameters_are_set_together_as_one_step(session):
     assert session.parameters == QUICK
 
 
-def test_notices_do_not_stay_forever(session, monkeypatch):
+def test_notices_disappear(session, monkeypatch):
     now = [1000.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
 
@@ -181,7 +181,7 @@ def test_notices_do_not_stay_forever(session, monkeypatch):
 
 
 def test_channels_without_weight_prevent_a_match(session):
-    """Channels that remain after a removal have a weight."""
+    """After a removal the remaining channels have weights."""
     session.editor.amend(channels=(replace(session.active, weight=0.0),))
     check_message(session.obstacle, 0)
     session.editor.amend(channels=(PAIR,))
@@ -208,12 +208,12 @@ def look(editor, **view):
     return replace(editor.document, view=replace(editor.document.view, **view))
 
 
-def test_undo_goes_back_to_the_very_start_and_redo_to_the_end(editor):
+def test_undo_and_redo_reach_both_ends_of_the_history(editor):
     start = editor.document
     for moment in (1.0, 2.0, 3.0):
         move(editor, moment, label=f"move to {moment:g}")
     assert editor.undo_label == "move to 3"
-    for _ in range(4):  # at last nothing is left: nothing happens
+    for _ in range(4):  # undo without steps does nothing
         editor.undo()
     assert editor.document is start
     assert (editor.undo_label, editor.redo_label) == ("", "move to 1")
@@ -229,7 +229,7 @@ def test_undo_goes_back_to_the_very_start_and_redo_to_the_end(editor):
 
 
 @pytest.mark.parametrize("between", ["seal", "undo and redo", "another step"])
-def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
+def test_actions_between_two_drags_separate_their_steps(editor, between):
     editor.seal()  # nothing to seal yet
     move(editor, 0.1, "time")
     if between == "seal":
@@ -239,15 +239,15 @@ def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
     else:
         editor.undo()
         editor.redo()
-    left = editor.document
+    document = editor.document
     move(editor, 0.2, "time")
     editor.undo()
-    assert editor.document is left
-    assert left.time == 0.1
+    assert editor.document is document
+    assert document.time == 0.1
 
 
-def test_a_drag_is_one_step_and_amending_is_none(editor):
-    """A change forgets what was undone."""
+def test_drag_is_one_step_and_amending_is_none(editor):
+    """A change clears the redo steps."""
     start = editor.document
     for moment in (0.1, 0.2, 0.3):
         move(editor, moment, "time")
@@ -266,8 +266,8 @@ def test_a_drag_is_one_step_and_amending_is_none(editor):
     assert editor.document.time == 2
 
 
-def test_undo_keeps_how_the_mouse_turned_the_surface(editor):
-    """Unless a step chose another view."""
+def test_undo_keeps_the_viewpoint(editor):
+    """Unless the step changed it."""
     front, side, above = (Viewpoint(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
     move(editor, 1)
     editor.document = look(editor, viewpoint=front, enlarged="source")
@@ -305,7 +305,7 @@ def next_time(player, time, seconds=FRAME):
 
 
 def played(player, time, seconds):
-    """Times shown over some seconds, until it stops."""
+    """Return the shown times over some seconds, until playing stops."""
     times = [time]
     for _ in range(round(seconds / FRAME)):
         if player.playing:
@@ -330,17 +330,17 @@ def test_once_stops_at_the_end_and_plays_again_from_the_start():
     assert played(playing("once", beyond=True), 0.0, 3 * SECONDS)[-1] == END
 
 
-def test_a_loop_never_leaves_its_range():
-    """Whatever the frame and the time."""
+def test_loop_never_leaves_its_range():
+    """For any frame and time."""
     times = played(playing("loop"), 0.0, 3 * SECONDS)
     assert min(times) == 0
     assert max(times) <= TAU
     assert times.count(0.0) >= 3
-    assert next_time(playing(), 0.0, 30.0) < 0.05 * TAU  # a hang is no leap
+    assert next_time(playing(), 0.0, 30.0) < 0.05 * TAU  # a long frame does not jump
     assert next_time(playing("ping-pong"), 1.5 * TAU) == 0
 
 
-def test_ping_pong_turns_at_both_ends():
+def test_ping_pong_reverses_at_both_ends():
     """Another mode goes forward again."""
     player = playing("ping-pong")
     times = played(player, 0.0, 3 * SECONDS)
@@ -354,7 +354,8 @@ def test_ping_pong_turns_at_both_ends():
     assert next_time(player, 1.0) > 1
 
 
-def test_a_constant_target_is_foreseen_and_not_rescaled(session):
+def test_constant_target_is_reported_before_the_match(session):
+    """It is not rescaled."""
     session.editor.set_spec("target", "expression:2")
     ready(session)
     until(lambda: session.work.expected_facts, session)

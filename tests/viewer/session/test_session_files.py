@@ -1,4 +1,4 @@
-"""Opening and saving through a session: nothing is lost, no run ended, and no window held."""
+"""Opening and saving in a session: no result is lost, no run is ended, no frame is blocked."""
 
 import threading
 import time
@@ -31,13 +31,13 @@ from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 
 @pytest.fixture
 def small(tmp_path):
-    """A mesh file."""
+    """Return the path of a mesh file."""
     return off_file(tmp_path / "small.off", icosphere(1))
 
 
 @pytest.fixture
 def solved(desk):
-    """A desk with a result that is in no file."""
+    """Return a desk with an unsaved result."""
     desk.session.editor.amend(parameters=QUICK)
     matched(desk.session)
     return desk
@@ -49,7 +49,7 @@ def save(desk, path, **words):
 
 
 def names(desk):
-    """Of the documents that would be lost."""
+    """Return the names of the documents that would be lost."""
     return [document.name for document in desk.session.saves.unsaved_documents]
 
 
@@ -57,7 +57,8 @@ def results(desk):
     return [document.result for document in desk.session.saves.unsaved_documents]
 
 
-def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
+def test_opened_result_has_its_functions(desk, tmp_path):
+    """It is not outdated."""
     session = desk.session
     f = np.stack([session.values("source"), session.values("target")], axis=1)
     mesh, mask, back = session.surface().mesh, np.linspace(0.5, 1, len(f)), f[:, ::-1].copy()
@@ -94,8 +95,8 @@ def test_functions_given_as_text_open_as_text(desk, tmp_path):
     assert not desk.session.outdated
 
 
-def test_save_writes_the_file_of_the_present_document(desk, tmp_path):
-    """Also after undo went back to another document."""
+def test_save_writes_the_file_of_the_current_document(desk, tmp_path):
+    """Also after undo returned to another document."""
     session = desk.session
     session.editor.set_parameter(alpha=3)
     for name in ("first", "second"):
@@ -123,9 +124,8 @@ def test_save_writes_the_file_of_the_present_document(desk, tmp_path):
         ("~no-user/m.csv", None, ("m.csv",)),
     ],
 )
-def test_what_cannot_be_opened_is_one_line_and_changes_nothing(
-    desk, tmp_path, name, content, named
-):
+def test_files_that_cannot_be_opened_change_nothing(desk, tmp_path, name, content, named):
+    """The error is one line."""
     if content is not None:
         (tmp_path / name).write_bytes(content)
     was = desk.session.document
@@ -138,8 +138,8 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(
 
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])
-def test_a_file_that_disagrees_with_its_field_is_recomputed(solved, tmp_path, suffix):
-    """A card says so."""
+def test_inconsistent_result_is_recomputed_on_opening(solved, tmp_path, suffix):
+    """A card reports it."""
     found, path = solved.session.result, tmp_path / f"cheat.{suffix}"
     cheat = replace(found, fine_velocity=0 * found.velocity)
     solved.session.editor.amend(result=cheat)
@@ -156,7 +156,7 @@ def test_a_file_that_disagrees_with_its_field_is_recomputed(solved, tmp_path, su
     assert judged.residual == pytest.approx(found.initial_residual)
 
 
-def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
+def test_saves_are_written_in_order_and_reported(desk, tmp_path, monkeypatch):
     usual, done = session_files.save_project, []
 
     def write(path, *words):
@@ -177,7 +177,7 @@ def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch
 
 
 def test_files_are_complete_when_the_program_ends(tmp_path):
-    """Without closing the session."""
+    """Even if the session is not closed."""
     code = """if True:
         import sys, time
         from pathlib import Path
@@ -211,7 +211,7 @@ def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
     assert not desk.session.saves.unsaved
 
 
-def test_a_session_opens_any_file_without_history(desk, tmp_path):
+def test_session_opens_any_file_without_history(desk, tmp_path):
     f, g = map(desk.session.values, ("source", "target"))
     found = match(desk.session.surface().mesh, f, g, Parameters.of(iterations=3, refine=0))
     found.save(tmp_path / "m.npz")
@@ -229,7 +229,7 @@ def test_a_session_opens_any_file_without_history(desk, tmp_path):
 
 
 def frames_of(desk):
-    """The values of the film that is open, (T, V)."""
+    """Return the values of the current sequence, (T, V)."""
     desk.wait(lambda: isinstance(desk.session.document, SequenceDocument))
     return desk.session.document.sequence.frames.values[:, :, 0]
 
@@ -243,7 +243,7 @@ def test_every_file_of_frames_opens(desk, tmp_path, name):
         arrays = [nibabel.gifti.GiftiDataArray(frame) for frame in frames]
         nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
     elif name.endswith(".npz"):
-        # with names that files of abfm have, too
+        # with names that abfm also uses
         others = {"vertices": mesh.vertices, "velocity": frames}
         np.savez(path, frames=frames, times=[0, 0.5, 1], **others)
     else:
@@ -276,7 +276,7 @@ def test_freesurfer_surfaces_and_single_grids_are_meshes(desk, tmp_path):
     assert is_named_as_frames(tmp_path / "wave_0001.vtu")
 
 
-def test_one_of_several_arrays_is_chosen_by_words(desk, tmp_path):
+def test_user_chooses_one_of_several_arrays(desk, tmp_path):
     mesh, path = desk.session.surface().mesh, tmp_path / "two.npz"
     frames = np.random.default_rng(4).normal(size=(3, len(mesh.vertices)))
     np.savez(path, u=frames, v=-frames)
@@ -288,23 +288,23 @@ def test_one_of_several_arrays_is_chosen_by_words(desk, tmp_path):
         open_session(file, array="u")
 
 
-def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_path):
+def test_result_of_a_closed_document_stays_unsaved(solved, small, tmp_path):
     session, found = solved.session, solved.session.result
     solved.open(small)
     assert not session.saves.unsaved
-    [left] = session.saves.unsaved_documents
-    assert left.result is found
-    assert session.saves.has_new_result(left)
-    save(solved, tmp_path / "left.abfm", document=left)
+    [unsaved] = session.saves.unsaved_documents
+    assert unsaved.result is found
+    assert session.saves.has_new_result(unsaved)
+    save(solved, tmp_path / "unsaved.abfm", document=unsaved)
     assert session.saves.unsaved_documents == ()
     session.undo()
     assert session.result is found
-    assert session.saves.path == tmp_path / "left.abfm"
+    assert session.saves.path == tmp_path / "unsaved.abfm"
     assert not session.saves.unsaved
 
 
 def test_changes_of_other_documents_are_unsaved(desk, small):
-    """In the order in which these were left."""
+    """They are listed in the order in which the documents were closed."""
     desk.session.editor.set_parameter(alpha=3)
     desk.open(small)
     for step in range(300):  # more than undo goes back
@@ -314,12 +314,12 @@ def test_changes_of_other_documents_are_unsaved(desk, small):
     assert names(desk) == ["sphere.off", "small.off"]
 
 
-def test_what_undo_and_redo_leave_is_unsaved(desk, small):
+def test_documents_closed_by_undo_and_redo_are_unsaved(desk, small):
     desk.open(small)
     desk.session.editor.set_parameter(alpha=3)
     for _ in range(2):
         desk.session.undo()
-    assert names(desk) == []  # the change was taken back, too
+    assert names(desk) == []  # the change was also undone
     for _ in range(2):
         desk.session.redo()
     assert names(desk) == ["small.off"]
@@ -331,7 +331,7 @@ def test_what_undo_and_redo_leave_is_unsaved(desk, small):
     assert results(desk)[0] is not None
 
 
-def test_an_undone_result_is_unsaved(solved, tmp_path):
+def test_undone_result_is_unsaved(solved, tmp_path):
     """Until another state is saved."""
     session, found = solved.session, solved.session.result
     session.undo()
@@ -342,7 +342,7 @@ def test_an_undone_result_is_unsaved(solved, tmp_path):
     assert session.saves.unsaved_documents == ()
 
 
-def test_a_save_does_not_cover_a_later_result(solved, small, tmp_path):
+def test_save_does_not_cover_a_later_result(solved, small, tmp_path):
     solved.files.save(tmp_path / "a.abfm")
     later = matched(solved.session).result
     solved.settle()
@@ -350,7 +350,8 @@ def test_a_save_does_not_cover_a_later_result(solved, small, tmp_path):
     assert results(solved) == [later]
 
 
-def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_path):
+def test_opening_during_a_run_needs_a_confirmation(desk, small, tmp_path):
+    """Refused files need none."""
     session = desk.session
     session.editor.amend(parameters=ENDLESS)
     solving(session)
@@ -378,17 +379,17 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
     assert session.result.velocity.any()
 
 
-def test_what_is_given_up_for_another_file_is_said(desk, small, tmp_path):
+def test_replaced_request_is_reported(desk, small, tmp_path):
     desk.files.open(tmp_path / "first.off")
     desk.files.open(small)
-    said = desk.session.notices.latest.text
-    check_message(said, "small.off", "first.off")
+    text = desk.session.notices.latest.text
+    check_message(text, "small.off", "first.off")
     desk.settle()
     assert desk.session.document.name == "small.off"
 
 
 @pytest.mark.parametrize("is_over", [False, True])
-def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over):
+def test_long_request_ends_only_on_confirmation(desk, small, is_over):
     may_end = threading.Event()
 
     def make(folder):
@@ -408,8 +409,8 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
         desk.wait(lambda: loading.now is None)
         instead()()
         end = "because setting up a population has ended meanwhile"
-        told = f"opening small.off was not started, {end}"
-        assert desk.session.notices.latest.text == told
+        text = f"opening small.off was not started, {end}"
+        assert desk.session.notices.latest.text == text
     else:
         assert loading.now.what == "setting up a population"
         answers["End setting up a population"]()
@@ -419,15 +420,15 @@ def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over
 
 
 class Slow:
-    """A read that takes as long as the test likes, and counts how often it began and was shown."""
+    """A read that waits for the test, and counts its starts and displays."""
 
     def __init__(self):
-        self.begun = self.shown = 0
-        self.may_go_on = threading.Event()
+        self.started = self.shown = 0
+        self.may_end = threading.Event()
 
     def __call__(self):
-        self.begun += 1
-        assert self.may_go_on.wait(30)
+        self.started += 1
+        assert self.may_end.wait(30)
         return self.show
 
     def show(self):
@@ -438,13 +439,13 @@ class Slow:
 def slow():
     slow = Slow()
     yield slow
-    slow.may_go_on.set()
+    slow.may_end.set()
 
 
 @pytest.fixture
 def quick():
     quick = Slow()
-    quick.may_go_on.set()
+    quick.may_end.set()
     return quick
 
 
@@ -454,61 +455,61 @@ def loading(jobs):
 
 
 def begin(loading, read, source=None, waits=True):
-    before = read.begun
+    before = read.started
     loading.begin(Load("reading", read, source=source))
-    until(lambda: not waits or read.begun > before)
+    until(lambda: not waits or read.started > before)
 
 
 def finish(loading):
-    """Wait until what is being read has been shown."""
+    """Wait until the current request has been shown."""
     until(lambda: loading.update() or loading.now is None)
 
 
-def test_what_was_given_up_is_not_shown(loading, slow, quick):
+def test_cancelled_request_is_not_shown(loading, slow, quick):
     begin(loading, slow)
     loading.cancel()
     assert loading.now is None
-    slow.may_go_on.set()
+    slow.may_end.set()
     begin(loading, quick)
     finish(loading)
     loading.update()
     assert (slow.shown, quick.shown) == (0, 1)
 
 
-def test_the_same_again_is_read_once(loading, slow):
+def test_repeated_request_is_read_once(loading, slow):
     begin(loading, slow, "a file")
     for _ in range(3):
         loading.cancel()
         begin(loading, slow, "a file", waits=False)
-    slow.may_go_on.set()
-    for count in (1, 2):  # what is over is read anew
+    slow.may_end.set()
+    for count in (1, 2):  # an ended request is read again
         finish(loading)
-        assert (slow.begun, slow.shown) == (count, count)
+        assert (slow.started, slow.shown) == (count, count)
         begin(loading, slow, "a file")
 
 
-def test_another_source_waits_for_nothing(loading, slow, quick):
+def test_other_sources_are_read_immediately(loading, slow, quick):
     begin(loading, slow, "a file")
     begin(loading, quick, "another file")
     finish(loading)
     assert (slow.shown, quick.shown) == (0, 1)
     begin(loading, slow, "a file", waits=False)
-    slow.may_go_on.set()
+    slow.may_end.set()
     finish(loading)
-    assert (slow.begun, slow.shown) == (1, 1)
+    assert (slow.started, slow.shown) == (1, 1)
 
 
-def test_one_that_is_given_up_before_it_begins_is_not_waited_for(loading, slow):
+def test_request_cancelled_before_its_start_blocks_nothing(loading, slow):
     for _ in range(20):
         begin(loading, slow, "a file", waits=False)
         loading.cancel()
     begin(loading, slow, "a file", waits=False)
-    slow.may_go_on.set()
+    slow.may_end.set()
     finish(loading)
     assert slow.shown == 1
 
 
-def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
+def test_closing_does_not_wait_for_cancelled_requests(jobs, loading, slow):
     begin(loading, slow)
     reader = loading._reader
     loading.cancel()
@@ -516,8 +517,8 @@ def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
     assert reader.is_running
 
 
-def test_a_project_of_landmarks_is_consistent_with_its_field(tmp_path):
-    """What a project stores of landmarks is what opening it computes, across thin triangles."""
+def test_project_of_landmarks_is_consistent_with_its_field(tmp_path):
+    """Opening computes the stored numbers again, also across thin triangles."""
     mesh = with_thin_triangles(icosphere(2))
     pairs = np.random.default_rng(3).choice(162, (4, 2), replace=False)
     found = match(Problem(mesh, None, None, landmarks=pairs))

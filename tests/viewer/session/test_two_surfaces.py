@@ -1,4 +1,4 @@
-"""A session on two surfaces, without a window."""
+"""Sessions on two surfaces, without a window."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def pair():
     session.close()
 
 
-def test_the_result_is_of_its_map_and_of_no_other(pair):
+def test_result_belongs_to_its_initial_map(pair):
     matched(pair)
     assert pair.document.initial_map.correspondence is pair.work.prepared.initial.correspondence
     assert_array_equal(pair.result.mesh.vertices, B.vertices)
@@ -67,10 +67,10 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     )
     until(lambda: pair.work.flow_values("target") is not None, pair)
     areas = abfm.calculus.vertex_areas(B)
-    apart = pair.work.flow_values("target") - np.average(
+    deviation = pair.work.flow_values("target") - np.average(
         pair.work.flow_values("target"), weights=areas
     )
-    assert np.average(apart**2, weights=areas) == pytest.approx(1)
+    assert np.average(deviation**2, weights=areas) == pytest.approx(1)
     pair.match()
     assert pair.parameters == MEASURED_PARAMETERS
     check_message(pair.notices.latest.text)  # of the parameters that were set
@@ -78,7 +78,7 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     until(lambda: not pair.solver.running, pair)
 
 
-def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
+def test_equal_specs_on_both_surfaces_have_separate_values(pair, tmp_path):
     files = Channel("file:there.npy", "file:there.npy")
     rng = np.random.default_rng(0)
     on_a, on_b = rng.normal(size=len(A.vertices)), rng.normal(size=len(B.vertices))
@@ -101,13 +101,13 @@ NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.
 
 @pytest.fixture
 def registered(pair):
-    """A session after a match that begins with the same connectivity."""
+    """Return a session after a match that started with the same connectivity."""
     channels = (Channel(NEAR, FAR),)
     pair.editor.amend(parameters=QUICK, channels=channels, initial="connectivity")
     return matched(ready(pair))
 
 
-def test_distortion_of_the_initial_map_changes_nothing(registered):
+def test_distortion_of_the_initial_map_is_only_reported(registered):
     """A bound that the initial map exceeds is only reported."""
     before = registered.result
     registered.bound.maximum = 0.05
@@ -122,10 +122,10 @@ def test_registrations_have_functions_of_a(registered):
     assert_allclose(functions[:, 0], registered.values("source"))
 
 
-def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, held):
+def test_run_with_an_earlier_map_belongs_to_its_landmarks(pair, held):
     pair.editor.change("change the initial map", initial="connectivity")
     ready(pair)
-    _, may_go_on = held(abfm.registration, "prepare")
+    _, may_end = held(abfm.registration, "prepare")
     pair.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
     pair.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
     pair.update()
@@ -133,6 +133,6 @@ def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(pair, held):
     assert len(spec.landmarks) == 1
     assert spec.initial.request.landmarks == ()  # so that its result is outdated
     assert not spec.initial.is_for(pair.document)
-    may_go_on.set()
+    may_end.set()
     ready(pair)
     assert pair.work.problem.initial.is_for(pair.document)
