@@ -306,9 +306,9 @@ class SubjectDocument(MatchDocument):
 
 _SEQUENCE_PARTS = {
     "sequence": "times of its frames",
-    "settings": "parameters that were changed",
+    "settings": "changed parameters",
     "lines": "flow lines",
-    "points": "points that are followed",
+    "points": "followed points",
 }
 """Names of parts of a sequence that a file of its fields does not contain."""
 

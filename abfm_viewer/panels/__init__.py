@@ -1,1 +1,1 @@
-"""One panel per file: each draws itself from the session and calls its methods."""
+"""Panels of the window, one per file; they draw the session and call its methods."""

@@ -21,9 +21,9 @@ Steps: TypeAlias = "tuple[abfm.matching.PathStep, ...]"
 
 _SOLVER_CHOICE = "solver's choice"
 _STEP = (
-    "Step of the path, by decreasing σ, that is shown, saved and exported. You can also click on "
-    "the curve or press Up and Down.\n\nThe numbers are those of the solver, which merges vertices "
-    "of thin triangles. The shown step is measured again on the mesh; its residual may be larger."
+    "Step of the path that is shown, saved and exported; also chosen by a click on the curve or by "
+    "Up and Down. The shown step is measured again on the mesh without merging vertices of thin "
+    "triangles, so its residual may be larger."
 )
 _BOUND_TIP = (
     "Largest area and shape change, |log2 J| and |log2 R|, on 99% of the faces: 1 allows factors "

@@ -128,7 +128,7 @@ class InitialMaps:
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return a side of the active channel on B, as it is matched.
 
-        If a target has the same values there as on its own, the same array is returned.
+        If a target has the same values there as on its own surface, the same array is returned.
         """
         prepared = self.prepared(document)
         if prepared is None:

@@ -238,7 +238,7 @@ class Monkey(ExitStack):
 def differences(one, other):
     """Return the fields that differ in two documents, except those without steps of undo."""
     one, other = (
-        replace(each, view=replace(each.view, look=None, large=""), time=0.0)
+        replace(each, view=replace(each.view, viewpoint=None, enlarged=""), time=0.0)
         for each in (one, other)
     )
     names = [each.name for each in fields(one)]

@@ -286,7 +286,7 @@ def change_parameters(solved, notes):
     )
     assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
     assert session.document.is_outdated
-    assert any(text.startswith("Frames or parameters changed") for text, _ in notes())
+    assert any(text.startswith("Frames or parameters have changed") for text, _ in notes())
     for _ in range(20):
         if session.document.is_outdated:
             solved.key("ctrl+z")
@@ -388,7 +388,7 @@ def write_all_files(solved, tmp_path):
     assert not document.is_outdated
     solved.click("Export", within="steps")
     session.editor.set_sequence_settings(gamma=2.0)
-    text = "Of the sequence wave.npy on mesh are in no file: parameters that were changed."
+    text = "Not saved of the sequence wave.npy on mesh: changed parameters."
     assert unsaved_work(session) == text
     session.undo()
     assert not session.saves.unsaved

@@ -143,7 +143,7 @@ def match_an_outdated_result_again(gui, notes):
     assert not gui.session.outdated
     gui.session.editor.set_parameter(alpha=0.02)
     kinds = dict(notes())
-    assert "Functions or parameters changed since." in kinds
+    assert "Functions or parameters have changed since this match." in kinds
     assert not {"good", "failure"} & set(kinds.values())
     assert not {"Continue", "More time"} & set(gui.labels())
     result = gui.session.result
@@ -180,7 +180,7 @@ def report_a_squeezed_source(gui, notes, monkeypatch):
 
     def held(process, function, number, task, on_partial, tries):
         def post(now):
-            on_partial(replace(now, look=IteratePicture(now.warning, now.advected)))
+            on_partial(replace(now, view=IteratePicture(now.warning, now.advected)))
             if now.iteration == 20:
                 current_control().pause()
 
