@@ -172,7 +172,7 @@ def omit_columns(opened, monkeypatch):
     every = heads_of(opened)
     assert len(every) == len(ResultTable.columns)
     wider = {"name": every["name"] + 5, "reason": every["why"]}
-    monkeypatch.setattr(result_table, "_LEAST_TEXT", wider)
+    monkeypatch.setattr(result_table, "_TEXT_WIDTH_MIN", wider)
     heads = heads_of(opened)
     assert set(every) - set(heads) == {"folded"}
     assert heads["name"] > every["name"]
