@@ -323,9 +323,9 @@ class RunRecord:
 
 Values = Callable[[Function], FloatArray | None]
 """Returns the values (V,) of a function; None until they are computed."""
-Missing = tuple[tuple[object, ...], Callable[[], BoolArray | None]]
-"""A cache key and a function that returns the mask (V,) of missing values, None for no missing."""
-Ranged = tuple[tuple[object, ...], Callable[[], tuple[FloatArray, ...]]]
+MissingValues = tuple[tuple[object, ...], Callable[[], BoolArray | None]]
+"""A cache key and a function that finds the mask (V,) of missing values, or None."""
+RangeValues = tuple[tuple[object, ...], Callable[[], tuple[FloatArray, ...]]]
 """A cache key and a function that returns the values whose range the colours cover."""
 
 
@@ -498,11 +498,11 @@ class Document:
         """Return the values on a side's surface by their specs, from values by their keys."""
         return dict(known)
 
-    def missing_values(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> MissingValues:
         """Return a cache key and a function that finds the missing values of a slot."""
         return (), lambda: None
 
-    def color_range_values(self, source: FloatArray, target: FloatArray) -> Ranged:
+    def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:
         """Return a cache key and a function that returns the values in the colour range."""
         return (source, target), lambda: (source, target)
 

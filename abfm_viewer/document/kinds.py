@@ -26,8 +26,8 @@ from abfm_viewer.document.document import (
     InitialMap,
     Landmark,
     MapRequest,
-    Missing,
-    Ranged,
+    MissingValues,
+    RangeValues,
     RunRecord,
     Side,
     Surface,
@@ -125,7 +125,7 @@ class MatchDocument(Document):
         renamed = super().renamed(name, display_names)
         return replace(renamed, runs=runs, display_names=dict(display_names))
 
-    def missing_values(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> MissingValues:
         """Return a cache key and a function that finds missing values of the active functions.
 
         In a match of two frames the mask of the frames marks missing values as well.
@@ -256,7 +256,7 @@ class PairDocument(MatchDocument):
         )
         return Channel(source, target)
 
-    def missing_values(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> MissingValues:
         return Document.missing_values(self, slot, values)
 
     def outcome(
@@ -296,7 +296,7 @@ class SubjectDocument(MatchDocument):
             return slot
         return self.active_comparison.title(slot)
 
-    def missing_values(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> MissingValues:
         comparison, active = self.active_comparison, self.active
         if comparison is None or active is None:
             return super().missing_values(slot, values)
@@ -366,10 +366,10 @@ class SequenceDocument(Document):
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
         return self.sequence.front(up)
 
-    def missing_values(self, slot: str, values: Values) -> Missing:
+    def missing_values(self, slot: str, values: Values) -> MissingValues:
         return (self.sequence,), lambda: self.sequence.frames.unknown
 
-    def color_range_values(self, source: FloatArray, target: FloatArray) -> Ranged:
+    def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:
         channel = self.channel  # one range for all frames
         return (self.sequence, channel), lambda: (self.sequence.frames.values[:, :, channel],)
 

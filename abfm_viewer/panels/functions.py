@@ -111,7 +111,7 @@ def draw(context: Context) -> None:
         with ui.group(side):
             _Side(context, side, session.active.spec(side)).draw()
     _draw_circular(ui, session)
-    _draw_foreseen(ui, session)
+    _draw_expected(ui, session)
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_MOUSE_TIP)
 
 
@@ -129,7 +129,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
     ui.refusal("circular")
 
 
-def _draw_foreseen(ui: Ui, session: Session) -> None:
+def _draw_expected(ui: Ui, session: Session) -> None:
     """Draw why no flow can match the functions, and the advice.
 
     It is drawn at the end, so that other widgets do not move.

@@ -187,14 +187,14 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw the expected outcome, or the reason why no match can start."""
     if (facts := session.work.expected_facts) is not None:
-        _draw_foreseen(ui, facts)
+        _draw_expected(ui, facts)
         return
     failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
 
 
-def _draw_foreseen(ui: Ui, facts: Facts) -> None:
+def _draw_expected(ui: Ui, facts: Facts) -> None:
     """Draw the expected outcome in one line; the tab Functions shows the reason."""
     is_impossible = facts.outcome is Outcome.IMPOSSIBLE
     ui.note(_IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline), facts.tone)
@@ -213,8 +213,8 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
         ui.note(sentence(facts.reason), "ink")
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
-    elif (foreseen := session.work.expected_facts) is not None:
-        _draw_foreseen(ui, foreseen)
+    elif (expected := session.work.expected_facts) is not None:
+        _draw_expected(ui, expected)
     else:
         ui.note("Functions or parameters have changed since this match.", "ink")
     _draw_remedies(ui, session, result, facts)
