@@ -126,8 +126,8 @@ _MEASURED_OPTIONS = ", ".join(
 )
 _DESCRIPTION = f"""\
 Register surface A to surface B: find the point of A that corresponds to each vertex of B. An
-initial map comes first; the flow of a vector field on B then brings the functions of A (--source)
-as close as possible to those of B (--target).
+initial map transfers the functions of A (--source) to B. The flow of a vector field on B then
+brings them as close as possible to the functions of B (--target).
 
 Examples:
   abfm register lh.sphere fsaverage.sphere.surf.gii --source lh.sulc --target avg.gii \\
@@ -152,13 +152,13 @@ Measured functions:
   Functions that were measured, or that have different units, are compared in standard deviations
   from their means. A function with the opposite sign is negated, with a note. Measured functions,
   and functions of two shapes with a searched initial map, are matched as closely as held-out
-  patches allow, with these parameters unless others are given:
+  patches allow. Their default parameters are:
     {_MEASURED_OPTIONS}
   All other functions are matched with the parameters of `abfm match`.
 
 {STATUS_HELP}
-The status is also 3 if the initial map may be wrong (a warning explains why), or if the complete
-map from A to B has a larger residual than the flow on B. Measured functions are registered if their
+The status is also 3 if the initial map may be wrong; a warning explains why. It is also 3 if the
+complete map from A to B has a larger residual than the flow on B. Measured functions are registered if their
 residual is below {RESIDUAL_REGISTERED:g} and below {SHARE_REGISTERED:g} of that of the initial map.
 """
 

@@ -285,7 +285,7 @@ def test_advice_improves_the_match(tmp_path, abfm):
 
 @pytest.mark.parametrize("quiet", ["", "--quiet"])
 def test_long_steps_are_reported(quiet, abfm, monkeypatch):
-    slow = ("reading", "looking for symmetries", "checking by flow lines")
+    slow = ("reading", "searching for symmetries", "checking by flow lines")
     monkeypatch.setattr(progress, "_rates", dict.fromkeys(slow, (1.0, 0)))
     lines = abfm(f"info {{eight}} {quiet}").err.splitlines()
     wanted = [] if quiet else ["reading an OFF mesh", slow[1]]
