@@ -158,8 +158,9 @@ Measured functions:
 
 {STATUS_HELP}
 The status is also 3 if the initial map may be wrong; a warning explains why. It is also 3 if the
-complete map from A to B has a larger residual than the flow on B. Measured functions are registered if their
-residual is below {RESIDUAL_REGISTERED:g} and below {SHARE_REGISTERED:g} of that of the initial map.
+complete map from A to B has a larger residual than the flow on B. Measured functions are registered
+if their residual is below {RESIDUAL_REGISTERED:g} and below {SHARE_REGISTERED:g} of that of the
+initial map.
 """
 
 
@@ -192,8 +193,8 @@ class RegistrationTask(Task):
     description: ClassVar = _DESCRIPTION
     details: ClassVar = _DETAILS
     output_help: ClassVar = (
-        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); the vertex of A "
-        "for each vertex of B (.txt, .csv, .npy); or interactive page (.html)"
+        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); vertex of A for "
+        "each vertex of B (.txt, .csv, .npy); or interactive page (.html)"
     )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (
