@@ -7,7 +7,7 @@ Names and packages are imported when they are first used, so that a program that
 starts without the solver. Each ``__init__.pyi`` lists the names of its package.
 
 Bad input raises a subclass of `AbfmError` (a function, a mesh, a parameter, a file, or a flow that
-is too long). The message says what was given and what was expected.
+is too long). The message reports the value and the expected input.
 """
 
 import pkgutil

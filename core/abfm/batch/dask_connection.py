@@ -131,26 +131,26 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     """Connect to the scheduler, unless cancelled; this takes 30 seconds if there is no answer."""
-    made = SimpleQueue[Any]()
+    clients = SimpleQueue[Any]()
 
     def connect() -> None:
         try:
             client = make(address, set_as_default=False)
         except Exception as error:  # of any type if another service answers
-            why = one_line(error, 120)
+            reason = one_line(error, 120)
         else:
-            made.put(client)
+            clients.put(client)
             if control.cancelled:
                 client.close()
             return
         # collect the failed client now: collected later, while Dask has its lock, it would deadlock
         gc.collect()
-        made.put(why)
+        clients.put(reason)
 
     threading.Thread(target=connect, daemon=True).start()
     while not control.cancelled:
         with suppress(Empty):
-            client = made.get(timeout=_POLL_SECONDS)
+            client = clients.get(timeout=_POLL_SECONDS)
             if isinstance(client, str):
                 raise ResultError(f"no scheduler answers at {one_line(address)}: {client}")
             return client

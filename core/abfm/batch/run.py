@@ -159,7 +159,7 @@ class Workers:
             yield from in_order((item.number, answer) for item, answer in answers)
 
     def _answers(
-        self, items: deque[WorkItem], control: Control, most: int = CALLS_SUBMITTED_MAX
+        self, items: deque[WorkItem], control: Control, submitted_max: int = CALLS_SUBMITTED_MAX
     ) -> Generator[tuple[WorkItem, Answer], None, None]:
         """Yield each item with its answer, as soon as it is available, until cancelled."""
         unfinished = len(items)
@@ -173,7 +173,7 @@ class Workers:
             executor, watched = self._executor(control)
             with watched as is_alive:
                 for item, future in completed(
-                    lambda item: executor.submit(attempt, item), items, is_wanted, most
+                    lambda item: executor.submit(attempt, item), items, is_wanted, submitted_max
                 ):
                     found = _answer_or_retry(item, future)
                     if isinstance(found, WorkItem):

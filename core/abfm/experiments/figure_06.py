@@ -67,10 +67,10 @@ def figure_6(setup: FigureSetup) -> Script:
         rows.append(
             (v_panel, Panel(mesh, fields.speed_streaks(mesh, case.u), "u", "source"), *results)
         )
-    seen = tuple(fields.speed(first.mesh, w) for w in (first.u, first.pushed(_TIMES[-1])))
+    view_functions = tuple(fields.speed(first.mesh, w) for w in (first.u, first.pushed(_TIMES[-1])))
     sizes = "; ".join(map(fields.sizes_text, surfaces))
     setting = f"{sizes}. {motion}. The pushforward is exp(-t ad_v) u."
-    return Findings(measures, Sheet(tuple(rows), view_functions=seen), setting)
+    return Findings(measures, Sheet(tuple(rows), view_functions=view_functions), setting)
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
@@ -137,8 +137,8 @@ def on_sphere(frequency: int) -> Case:
         turn = Rotation.from_rotvec([0.0, _ANGULAR_SPEED * time, 0.0])
         back = turn.inv().apply(points)
         field = np.zeros_like(points)
-        for centre, strength in (((0.5, 0.4, 0.77), 1.0), ((-0.2, -0.5, 0.84), -0.8)):
-            center = np.array(centre) / np.linalg.norm(centre)
+        for direction, strength in (((0.5, 0.4, 0.77), 1.0), ((-0.2, -0.5, 0.84), -0.8)):
+            center = np.array(direction) / np.linalg.norm(direction)
             bell = strength * np.exp((back @ center - 1) / 0.4**2)
             field += np.cross(center, back) * bell[:, None]
         return fields.tangential_part(mesh, turn.apply(field))

@@ -46,7 +46,7 @@ def figure_8(setup: FigureSetup) -> Script:
         root_mean_square(mesh, (field * directions).sum(axis=1))
         for field in (error, given_velocity)
     )
-    off, largest = along / along_given, difference.max()
+    relative_error, largest = along / along_given, difference.max()
     path = hidden.push(f, np.linspace(0, tau, 21))
     rate_error = derivative_rms(mesh, error, path) / derivative_rms(mesh, given_velocity, path)
     field_error = root_mean_square(mesh, error) / root_mean_square(mesh, given_velocity)
@@ -58,7 +58,12 @@ def figure_8(setup: FigureSetup) -> Script:
     of_functions = "largest |g - f_tau|, f and g on the scale of 1"
     small = "the error between the functions is very small"
     measures = (
-        Measure(of_slopes, off, "very close to the original field", off <= _DIFFERENCE_MAX),
+        Measure(
+            of_slopes,
+            relative_error,
+            "very close to the original field",
+            relative_error <= _DIFFERENCE_MAX,
+        ),
         Measure(f"share of the surface {where}", share),
         Measure(of_path, rate_error),
         Measure("error of the whole field, relative L2", field_error),

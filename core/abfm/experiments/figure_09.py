@@ -101,7 +101,7 @@ def figure_9(setup: FigureSetup) -> Script:
         f"{scene.description()} Printed parameters, except that sigma is cooled to {p.sigma:g} in "
         "three stages."
     )
-    sheet = Sheet(tuple(rows), view_functions=scene.seen(), notes=notes)
+    sheet = Sheet(tuple(rows), view_functions=scene.view_functions(), notes=notes)
     return Findings([*measures, *of_maps], sheet, setting)
 
 
@@ -124,7 +124,9 @@ def figure_10(setup: FigureSetup) -> Script:
     share = float(steep.sum() / max(len(steep), 1))
     measures = (*scene.measures_of(found), Measure(creases, share), *of_maps)
     rows = (function_row(found), scene.map_row(found))
-    return Findings(measures, Sheet(rows, "z", scene.seen(), notes=notes), scene.description())
+    return Findings(
+        measures, Sheet(rows, "z", scene.view_functions(), notes=notes), scene.description()
+    )
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
@@ -148,7 +150,7 @@ def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
         return found
     raise MeshError(
         "the mesh has no symmetry. The best rotation by 180 degrees moves a vertex "
-        f"{errors['rotation']:.3g} sqrt(area) away from the surface, and the best mirror plane "
+        f"{errors['rotation']:.3g} sqrt(area) off the surface. The best mirror plane moves one "
         f"{errors['mirror']:.3g}; at most 0.02 is allowed"
     )
 
@@ -195,8 +197,8 @@ class SymmetryScene:
         if self.is_rotation:
             looks = averaging(mesh) @ (face_normals(mesh) @ self.symmetry.axis)
             front = looks > 0.9 * looks.max()
-        mark = int(np.where(front, self.displacements, -1).argmax())
-        marked_vertices = [mark, int(self.symmetry.vertex_map[mark])]
+        vertex = int(np.where(front, self.displacements, -1).argmax())
+        marked_vertices = [vertex, int(self.symmetry.vertex_map[vertex])]
         distances = np.linalg.norm(x[:, None] - x[marked_vertices], axis=2).min(axis=1)
         return [*marked_vertices, int(np.where(front, distances, -1).argmax())]
 
@@ -212,9 +214,9 @@ class SymmetryScene:
             for axis, middle in zip("xyz", middles, strict=True)
         )
 
-    def seen(self) -> tuple[FloatArray, ...]:
+    def view_functions(self) -> tuple[FloatArray, ...]:
         """Return functions that are large at the marked vertices, for the choice of the camera."""
-        return tuple(function(self.mesh, self.bump(mark)) for mark in self.marked_vertices)
+        return tuple(function(self.mesh, self.bump(vertex)) for vertex in self.marked_vertices)
 
     @property
     def sample(self) -> IntArray:

@@ -84,8 +84,8 @@ def best_front(
     if changes is not None and changes.any():
         weights.append(changes[faces].mean(axis=1))
     # visible share of each weight by direction, relative to the best direction
-    seen = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
-    shares = [each / max(float(each.max()), 1e-300) for each in seen]
+    visible = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
+    shares = [each / max(float(each.max()), 1e-300) for each in visible]
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
     steep_cost = _STEEP_COST if height < _FLAT_HEIGHT_RATIO * min(width, depth) else np.inf
     costs = np.where(elevation > _STEEP_ELEVATION, steep_cost, 0.0)

@@ -82,6 +82,7 @@ class SubjectTransfer:
     registration, drift : str
         Files of the registration and of the mean field; empty for an initial map.
     at_edges : bool
+        Whether to transfer values to the midpoints of edges instead of the vertices.
     """
 
     subject: Subject

@@ -101,8 +101,8 @@ class PopulationTask(Task):
         file_input("template", f"template surface, a {MESH_FORMATS}", "SURFACE"),
         *MESH_INPUTS,
         channel_input(
-            "channel to register by: its column of the table, its function on the template (or "
-            "auto, for all channels), and its weight above 0 (default: auto, 1)",
+            "channel for registration: column of the table; function of the template, or auto for "
+            "all channels; weight above 0 (default: auto, 1)",
             _CHANNEL,
             _channel,
             _renamed_channel,
