@@ -190,7 +190,7 @@ def _labels(correspondence: Correspondence, path: str, column: str | None, side:
         with file_errors(path):
             labels = columns.labels(column)
     except FunctionError as error:
-        raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None
+        raise FunctionError(str(error).replace("column=", "--column ")) from None
     if np.abs(labels.values).max() > _LABEL_KEY_MAX:
         raise FunctionError(f"{path}: a label key exceeds {_LABEL_KEY_MAX}")
     return labels

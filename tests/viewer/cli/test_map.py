@@ -67,7 +67,7 @@ def test_folding_flow_has_a_warning(folding, tmp_path, abfm):
     match = load(folding)
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
     found = match.flow.map_quality()
-    assert "come back" in found.warning
+    assert found.warning
     for words in ("", "--functional-map=5", "--carry={t}/uv.npy"):
         output = abfm(f"map {{r}} --out {{t}}/out.npy {words}", r=folding)
         assert output.err == f"warning: {found.warning}\n"

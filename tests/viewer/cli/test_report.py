@@ -153,7 +153,7 @@ def test_match_on_one_surface_has_its_page(abfm, tmp_path):
     abfm(f"report {{t}}/m.npz --out {{t}}/m.html {SMALL}")
     page = page_at(tmp_path / "m.html")
     assert "A match on a surface of 162 vertices" in page.text
-    assert "function 1, carried, back" in page.pictures
+    assert "function 1, advected, back" in page.pictures
     assert "initial_map" not in json.loads(page.facts)
 
 
