@@ -260,7 +260,7 @@ def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
     assert MatchTask.report.advice(match, f"{tmp_path}/m.npz") in advice
     out = abfm(f"{MATCH} --out {{t}}/m.npz --source expression:1", status=UNREACHED).out
     headline, reason, *_, advice = out.splitlines()
-    assert output.startswith("impossible")
+    assert headline.startswith("impossible")
     check_message(reason)
     check_message(advice)
 
