@@ -21,8 +21,10 @@ from abfm_viewer.cli.progress import task_progress
 SUMMARY = "check a mesh, or report what a result contains"
 DESCRIPTION = """\
 Check a mesh: print its size, topology, repairs and defects. The exit status is 2 if it has defects
-that the solver cannot handle. Or print the report of a result: the verdict of a match or a
-registration, the distortion of a map, the speed of a sequence, the outliers of a population.
+that the solver cannot handle.
+
+For a result, print its report: the verdict of a match or a registration, the distortion of a map,
+the speed of a sequence, or the outliers of a population.
 
 Examples:
   abfm info spot.obj
