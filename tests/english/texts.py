@@ -1,0 +1,156 @@
+"""Prose of a file: docstrings, comments, messages, and paragraphs of Markdown."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+_LIST_ITEM = re.compile(r"\s*([-*•]|\d+\.)\s+")
+_CODE_SPAN = re.compile(r"``[^`]*``|`[^`]*`")
+_LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
+_CODE_STARTS = (">>>", "... ", "abfm ", "$ ")
+_COLUMNS = re.compile(r"\S {2,}\S")
+_TEMPLATE_CODE = re.compile(
+    r"\{%.*?%\}|\{\{.*?\}\}|\{#.*?#\}|<style.*?</style>|<script.*?</script>", re.S
+)
+_TAG = re.compile(r"<[^>]+>")
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph of prose with its place in a file."""
+
+    path: Path
+    line: int
+    kind: str  # "docstring", "comment", "message" or "paragraph"
+    words: str
+
+
+def texts_of(path: Path) -> list[Text]:
+    """Return the prose of a file; code, tables and spans of code are left out."""
+    content = path.read_text(encoding="utf-8")
+    if path.suffix in {".py", ".pyi"}:
+        found = [*_docstrings(content), *_comments(content), *_messages(content, path)]
+    elif path.suffix == ".md":
+        found = [(line, "paragraph", words) for line, words in _markdown(content)]
+    elif path.suffix == ".html":
+        plain = _TAG.sub(
+            "\n", _TEMPLATE_CODE.sub(lambda code: re.sub(r"[^\n]", "", code[0]) or " x ", content)
+        )
+        found = [(line, "paragraph", words) for line, words in _paragraphs(plain)]
+    elif path.suffix == ".js":
+        found = [(line, "comment", words) for line, words in _script_comments(content)]
+    else:
+        found = [(line, "comment", words) for line, words in _hash_comments(content)]
+    return [Text(path, line, kind, words) for line, kind, words in found]
+
+
+def _docstrings(content: str) -> Iterator[tuple[int, str, str]]:
+    for node in ast.walk(ast.parse(content)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            doc = ast.get_docstring(node)
+            if doc:
+                begin = node.body[0].lineno
+                yield from (
+                    (begin + line - 1, "docstring", words) for line, words in _paragraphs(doc)
+                )
+
+
+def _comments(content: str) -> Iterator[tuple[int, str, str]]:
+    """Yield comments; consecutive lines that hold only a comment are one text."""
+    block: list[str] = []
+    begin = last = 0
+    for token in tokenize.generate_tokens(io.StringIO(content).readline):
+        if token.type != tokenize.COMMENT or token.string.startswith(("#!", "# type:", "# noqa")):
+            continue
+        alone = token.line.strip().startswith("#")
+        if not (block and alone and token.start[0] == last + 1):
+            if block:
+                yield begin, "comment", " ".join(block)
+            block, begin = [], token.start[0]
+        block.append(_without_code(token.string.lstrip("# ")))
+        last = token.start[0] if alone else -1
+    if block:
+        yield begin, "comment", " ".join(block)
+
+
+def _messages(content: str, path: Path) -> Iterator[tuple[int, str, str]]:
+    """Yield strings that hold a sentence; of tests only docstrings and comments are read."""
+    if "tests" in path.parts:
+        return
+    tree = ast.parse(content)
+    skipped = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            skipped.add(id(node.value))
+        if isinstance(node, ast.JoinedStr):
+            skipped.update(id(part) for part in node.values)
+            words = "".join(
+                str(part.value) if isinstance(part, ast.Constant) else "X" for part in node.values
+            )
+            yield from _strings(node.lineno, words)
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, str)
+            and id(node) not in skipped
+        ):
+            yield from _strings(node.lineno, node.value)
+
+
+def _strings(line: int, words: str) -> Iterator[tuple[int, str, str]]:
+    if re.search(r"[a-z]{2,} [a-z]", words):
+        yield from ((line, "message", part) for _, part in _paragraphs(words))
+
+
+def _script_comments(content: str) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(content.splitlines(), 1):
+        comment = re.search(r"(?:^|\s)(?://|/?\*+)\s(.+)", line)
+        if comment:
+            yield number, _without_code(comment[1])
+
+
+def _hash_comments(content: str) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(content.splitlines(), 1):
+        comment = re.search(r"(?:^|\s)#\s(.+)", line)
+        if comment:
+            yield number, _without_code(comment[1])
+
+
+def _markdown(content: str) -> Iterator[tuple[int, str]]:
+    lines = content.splitlines()
+    fenced = False
+    for number, line in enumerate(lines):
+        is_fence = line.lstrip().startswith(("```", "~~~"))
+        fenced ^= is_fence
+        if fenced or is_fence or line.startswith(("    ", "![", "|", "#", ":::")):
+            lines[number] = ""
+    yield from _paragraphs("\n".join(lines))
+
+
+def _without_code(words: str) -> str:
+    return _LINK.sub(r"\1", _CODE_SPAN.sub("X", words)).replace("**", "")
+
+
+def _paragraphs(text: str) -> Iterator[tuple[int, str]]:
+    """Yield paragraphs with their first line; an item of a list or a new indent begins one."""
+    block: list[str] = []
+    begin, indent = 1, 0
+    for number, line in enumerate([*text.splitlines(), ""], 1):
+        depth = len(line) - len(line.lstrip())
+        starts = bool(_LIST_ITEM.match(line)) or depth != indent or not line.strip()
+        hanging = block and _LIST_ITEM.match(block[0]) and depth > indent and line.strip()
+        if starts and block and not hanging:
+            yield begin, _without_code(" ".join(part.strip() for part in block))
+            block = []
+        if (
+            line.strip()
+            and not set(line.strip()) <= set("-=~")
+            and not _COLUMNS.search(line.strip())
+        ):
+            if not block:
+                begin, indent = number, depth
+            block.append(line)
