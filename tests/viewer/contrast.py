@@ -1,6 +1,4 @@
-"""How far apart two colours are: contrast as WCAG 2.2 defines it, and difference as the
-colour-blind see it.
-"""
+"""Contrast of colours as WCAG 2.2 defines it, and their difference in colour-blind vision."""
 
 import numpy as np
 

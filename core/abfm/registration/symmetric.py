@@ -34,7 +34,7 @@ SYMMETRIC_KIND = FileKind(
         "facts": Entry("text", ()),
     },
 )
-_EXPECTED_INITIAL = "expected a method without files, such as auto or closest"
+_EXPECTED_METHOD = "expected a method without files, such as auto or closest"
 _DESCRIPTION = """\
 Register surface A to surface B and B to A, and average both maps. The result does not depend on
 which surface comes first. Its asymmetry, the distance between the two images of a vertex, shows
@@ -200,7 +200,7 @@ class SymmetricTask(Task):
         if initial.startswith("file:") or initial.count(","):
             raise ParameterError(
                 f"column initial: {brief(initial)} gives a map in one direction only; "
-                f"{_EXPECTED_INITIAL}"
+                f"{_EXPECTED_METHOD}"
             )
 
     @classmethod

@@ -40,7 +40,7 @@ from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Report, ResultFile, Task, TaskInputs
 from abfm.types import IntArray
 
-_INITIAL = "initial map and landmarks"
+_INITIAL_GROUP = "initial map and landmarks"
 
 
 def _initial(text: str) -> str:
@@ -65,7 +65,7 @@ INITIAL_INPUT = Input(
     "--help-all explains them (default: auto)",
     read=_initial,
     metavar="METHOD[:...]",
-    group=_INITIAL,
+    group=_INITIAL_GROUP,
     renamed=_renamed_initial,
 )
 LANDMARKS = file_input(
@@ -73,13 +73,13 @@ LANDMARKS = file_input(
     "corresponding points, one pair per line: a vertex of A and one of B (counted from 0), or "
     "x, y, z on both",
     "FILE.csv",
-    group=_INITIAL,
+    group=_INITIAL_GROUP,
 )
 ONE_BASED_INPUT = Input(
     name="one-based",
     help="count the vertices of the landmarks from 1 instead of 0",
     read=read_flag,
-    group=_INITIAL,
+    group=_INITIAL_GROUP,
 )
 
 
