@@ -59,7 +59,8 @@ _ENTRIES_OF_FACTS = (
 
 MAX_DISTORTION = number_input(
     "max-distortion",
-    "limit |log2 J| of areas and |log2 R| of shapes to N on 99% of the faces, without folded faces",
+    "limit the distortion on 99% of the faces, without folded faces: |log2 J| of areas (J) and "
+    "|log2 R| of stretches (R) are at most N",
     "N",
     "above 0 and at most 1000",
     lambda bound: 1e-9 <= bound <= 1000,
@@ -172,7 +173,7 @@ class MatchTask(Task):
     needs: ClassVar = ("mesh",)
     inputs: ClassVar = (
         file_input("mesh", MESH_FORMATS, "MESH", is_argument=True),
-        *channel_inputs("function that the flow transports", "function that it should become"),
+        *channel_inputs("source function, which the flow transports", "target function"),
         mask_input("mask", "weight of the mismatch at each vertex"),
         file_input(
             "start",

@@ -200,7 +200,7 @@ class RegistrationTask(Task):
     inputs: ClassVar = (
         file_input("a", f"surface A, a {MESH_FORMATS}", "A", is_argument=True),
         file_input("b", "surface B, which has the vector field", "B", is_argument=True),
-        *channel_inputs("function on A", "function on B that it should become"),
+        *channel_inputs("source function, on A", "target function, on B"),
         mask_input("mask-a", "weight of each vertex of A"),
         mask_input("mask-b", "weight of each vertex of B"),
         LANDMARKS,
