@@ -105,7 +105,7 @@ class Latest(Generic[Value]):
         with self._condition:
             return self._running is not None
 
-    def ask(self, key: object, compute: Callable[[], Value]) -> Value | None:
+    def request(self, key: object, compute: Callable[[], Value]) -> Value | None:
         """Request a key; return its value, or None while the value is being computed."""
         with self._condition:
             is_new, self._requested = not same(key, self._requested), key
@@ -131,7 +131,7 @@ class Latest(Generic[Value]):
 
         None if there is no earlier value of the same subject.
         """
-        found = self.ask((subject, arguments), partial(compute, *arguments))
+        found = self.request((subject, arguments), partial(compute, *arguments))
         with self._condition:
             is_of_subject = isinstance(self.key, tuple) and same(self.key[0], subject)
             return self.value if found is None and is_of_subject else found

@@ -74,13 +74,13 @@ class Functions:
     def step(self) -> Step | None:
         return self._latest.step if self.busy else None
 
-    def at_rest(self, is_kept: Callable[[str], bool]) -> Functions:
+    def without_process(self, keeps: Callable[[str], bool]) -> Functions:
         """Return a copy without thread and process.
 
-        It has the values of the last request, and those of the specs for which ``is_kept`` is true.
+        It has the values of the last request, and those of the specs for which ``keeps`` is true.
         """
         cached = self._cache.copy()  # without the lock: another thread may evaluate for long
-        known = self.known | {spec: values for spec, values in cached.items() if is_kept(spec)}
+        known = self.known | {spec: values for spec, values in cached.items() if keeps(spec)}
         others = Functions(self.mesh, known, self._at_once)
         others._cache.update((spec, cached[spec]) for spec in self._requested if spec in cached)
         return others
@@ -88,14 +88,14 @@ class Functions:
     def defaults(self) -> tuple[str, str]:
         return self._compute(default_functions)
 
-    def ask(self, specs: tuple[str, ...]) -> Evaluated | None:
+    def request(self, specs: tuple[str, ...]) -> Evaluated | None:
         """Request the values of all specs; None while they are being computed."""
         cached: Evaluated = {}
         for spec in specs:
             if (values := self._cache.get(spec)) is not None:
                 cached[spec] = values
         self._requested, self._waits = specs, len(cached) < len(specs)
-        return self._latest.ask(specs, lambda: self._all(specs)) if self._waits else cached
+        return self._latest.request(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
         """Return the values (V,) of one spec, computed now if they are not cached.
@@ -129,13 +129,13 @@ class Functions:
                 self._cache.popitem(last=False)
             return values
 
-    def let_go(self) -> None:
+    def stop_requests(self) -> None:
         """Accept no more requests; thread and process end when no evaluation uses them."""
         self._latest.retire()
 
     def retire(self) -> None:
         """Accept no more requests and end the process at once; a pending call raises an error."""
-        self.let_go()
+        self.stop_requests()
         if self._worker:
             self._worker.close()
 

@@ -200,7 +200,7 @@ class Matching:
         if not self.follow or not problem.channels or (dragging and refactors):
             return
         with self._lock:
-            if self._run.is_wanted:
+            if self._run.is_active:
                 self.problem = self._next = problem
                 self._yield_to_next()
 
@@ -246,7 +246,7 @@ class Matching:
         while True:
             with self._lock:
                 problem, self._next, self._since_restart = self._next, None, 0
-            if problem is None or not (self._run.is_wanted or self._found is None):
+            if problem is None or not (self._run.is_active or self._found is None):
                 return self._found
             self._history.begin()
             self._best, self._present = None, problem

@@ -110,19 +110,21 @@ class Run(Generic[Result]):
         self.state, self.reason = RunState.IDLE, ""  # why the last run failed, in one line
         self.step: Step | None = None  # present step, unless it is one more iteration
         self.started = 0  # number of runs
-        self.has_found = False  # whether there are partial results, also of an earlier run
+        self.has_partial_results = (
+            False  # whether there are partial results, also of an earlier run
+        )
         self._lock = threading.Lock()
         self._has_reported = threading.Event()
         self._recent: deque[float] = deque(maxlen=_RECENT_PARTIALS)  # times of partial results
 
     @property
-    def is_wanted(self) -> bool:
+    def is_active(self) -> bool:
         """Whether a run is in progress that was neither cancelled nor closed."""
         return self.state in (RunState.RUNNING, RunState.PAUSED)
 
     @property
     def running(self) -> bool:
-        return self.is_wanted or self.state is RunState.ENDING
+        return self.is_active or self.state is RunState.ENDING
 
     @property
     def paused(self) -> bool:
@@ -156,7 +158,7 @@ class Run(Generic[Result]):
         ``recover``. ``resumes`` means that partial results of an earlier run exist.
         """
         self.state, self.reason, self.step = RunState.RUNNING, "", None
-        self.started, self.has_found = self.started + 1, resumes
+        self.started, self.has_partial_results = self.started + 1, resumes
         self._control, self._then = Control(), then
         self._result: Result | None = None
         self._recent.clear()
@@ -222,13 +224,13 @@ class Run(Generic[Result]):
         def take(partial: Any) -> None:
             self._has_reported.set()
             self._recent.append(time.monotonic())
-            self.has_found = True
+            self.has_partial_results = True
             on_partial(partial)
 
         with self._lock:
             self._control = control = Control()
             control.set_paused(self.paused)
-            if not self.is_wanted:
+            if not self.is_active:
                 control.cancel()
         with reporting_steps(self._set_step), controlled(control):
             return self.process.solve(function, *given, on_partial=take, tries=tries)

@@ -112,7 +112,7 @@ class FileChoice:
     def listing(self) -> Listing | None:
         """Return the entries of the folder; None while they are read."""
         folder, suffixes = self.folder, self.suffixes
-        return self._listing.ask((self._reads, folder), lambda: read_folder(folder, suffixes))
+        return self._listing.request((self._reads, folder), lambda: read_folder(folder, suffixes))
 
     def go(self, folder: Path) -> None:
         """Show another folder, or read the same one again."""

@@ -45,7 +45,7 @@ def population_pictures(
     ``report`` is called with the name of the next picture and the share that is done. Raises
     `DrawingError` if the machine cannot draw.
     """
-    mesh, shown = found.template, _known(found.mean(found.main_channel))
+    mesh, shown = found.template, _filled_in(found.mean(found.main_channel))
     channels = [_channel(found, c) for c in range(min(len(found.channels), CHANNELS_MAX))]
     possible = (_outlier(found, i) for i in found.worst_first() if not found.fits[i])
     outliers = [row for row in possible if row is not None][:_OUTLIERS_DRAWN_MAX]
@@ -60,10 +60,10 @@ def _channel(found: Population, c: int) -> Row:
     name = found.channels[c].name
     spread = f"deviation of {name}"
     means = {
-        "mean, at first": _known(found.plain_mean(c)),
-        "mean, registered": _known(found.mean(c)),
+        "mean, at first": _filled_in(found.plain_mean(c)),
+        "mean, registered": _filled_in(found.mean(c)),
     }
-    deviation = _known(found.deviation(c))
+    deviation = _filled_in(found.deviation(c))
     panels = (
         *panels_of(found.template, name, means),
         *panels_of(found.template, spread, {"deviation": deviation}),
@@ -107,16 +107,16 @@ def _outlier(found: Population, i: int) -> Row | None:
     if not np.isfinite(found.values[i, :, c]).any():
         return None
     functions = {
-        "at first": _known(found.before[i, :, c]),
-        "registered": _known(found.values[i, :, c]),
-        "mean of the others": _known(found.mean_of_others(i, c)),
+        "at first": _filled_in(found.before[i, :, c]),
+        "registered": _filled_in(found.values[i, :, c]),
+        "mean of the others": _filled_in(found.mean_of_others(i, c)),
     }
     name = found.channels[c].name
     panels = panels_of(found.template, name, functions)
     return Row(found.names[i], panels, {name: typical_range(*functions.values())})
 
 
-def _known(values: FloatArray) -> FloatArray:
+def _filled_in(values: FloatArray) -> FloatArray:
     """Return values (V,) with the mean of the known values in place of unknown ones."""
     known = np.isfinite(values)
     return np.where(known, values, np.mean(values[known]) if known.any() else 0.0)

@@ -48,7 +48,7 @@ class DocumentFunctions:
     def add(self, mesh: TriangleMesh, known: Mapping[str, FloatArray]) -> None:
         """Add a mesh that was opened, with values (V,) of functions from files."""
         if mesh in self._by_mesh:
-            self._by_mesh[mesh].let_go()
+            self._by_mesh[mesh].stop_requests()
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
 
     def update(self, document: Document) -> None:
@@ -58,7 +58,7 @@ class DocumentFunctions:
             evaluating = self.of(surface.mesh)
             on_mesh = (one for one in document.functions if one.surface.mesh is surface.mesh)
             specs = tuple(one.spec for one in on_mesh)
-            found = evaluating.ask(specs) if specs else None
+            found = evaluating.request(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
         has_none = not any(self._evaluated.values())
         self.waiting_since = (self.waiting_since or clock.perf_counter()) if has_none else None
@@ -103,10 +103,10 @@ class DocumentFunctions:
             if mesh not in in_history:
                 del self._by_mesh[mesh]
             elif functions.has_computed:
-                self._by_mesh[mesh] = functions.at_rest(_is_from_file)
+                self._by_mesh[mesh] = functions.without_process(_is_from_file)
             else:
                 continue
-            functions.let_go()
+            functions.stop_requests()
 
     def close(self) -> None:
         for functions in self._by_mesh.values():

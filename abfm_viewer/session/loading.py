@@ -87,7 +87,7 @@ class Loading:
         reader = self._readers.get(load.key)
         if reader is None or not reader.is_running:
             reader = self._readers[load.key] = self._jobs.latest()
-            reader.ask(load.key, load.read)
+            reader.request(load.key, load.read)
         self.now = load
 
     def cancel(self) -> None:

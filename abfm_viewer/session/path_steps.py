@@ -60,7 +60,7 @@ class PathSteps:
             return
         found, key = self._from_history(step), (requested_of.path, step)
         if found is None:
-            found = self._found.ask(key, partial(requested_of.at_step, step))
+            found = self._found.request(key, partial(requested_of.at_step, step))
         if found is not None:
             self._wanted = None
             solver_step = None if step == self.solver_step else self.solver_step

@@ -289,7 +289,7 @@ class Tables:
             self._checks, self._next_check = self._checks + 1, now + _REFRESH_SECONDS
         if self._checks:
             request = self._reader, self._checks
-            found = self._latest.ask(request, partial(self._reader.read, anew=False))
+            found = self._latest.request(request, partial(self._reader.read, anew=False))
             if found is not None and found.place == self.table.place:
                 self.table = found
 

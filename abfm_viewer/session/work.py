@@ -341,7 +341,7 @@ class MatchWork(Work):
             (source, target), *second = [functions.defaults() for functions in evaluating]
             return source, second[0][0] if second else target
 
-        found = self._defaults.ask(meshes, choose)
+        found = self._defaults.request(meshes, choose)
         return found, self._defaults.error if same(self._defaults.key, meshes) else ""
 
     def start(self, from_current_field: bool | None) -> None:
@@ -368,7 +368,7 @@ class MatchWork(Work):
             # coarse meshes are prepared in advance, because a match has to wait for them
             mesh, parameters = self.document.surface().mesh, self.document.parameters
             prepare = partial(parts.matching.prepare, mesh, parameters)
-            self._coarse_meshes.ask((mesh, parameters.solver.levels), prepare)
+            self._coarse_meshes.request((mesh, parameters.solver.levels), prepare)
         if parts.dragging or not obstacle:  # a function with an error must not end a run
             parts.matching.follow_problem(self.problem, parts.dragging)
 
@@ -405,7 +405,7 @@ class PairWork(MatchWork):
         result, found = self.document.result, self.document.complete_result
         if result is None or found is None or found is result:
             return super().facts
-        facts = self._facts.ask(found, lambda: found.facts)
+        facts = self._facts.request(found, lambda: found.facts)
         return facts or replace(result.facts, is_complete=False)
 
     def flow_values(self, side: Side) -> FloatArray | None:

@@ -64,7 +64,7 @@ class InBetween:
         if flow is not None and self._at_once:
             key = (flow, before, after, share)
             given = flow, before, after, np.array([share])
-            if (exact := self._exact.ask(key, lambda: interpolated(*given)[0])) is not None:
+            if (exact := self._exact.request(key, lambda: interpolated(*given)[0])) is not None:
                 return exact
         found = None if flow is None else self._frames(flow, before, after)
         self.is_behind = flow is not None and found is None
@@ -89,7 +89,7 @@ class InBetween:
         if key in self._cache and same(self._cache[key][0], inputs):
             self._cache.move_to_end(key)
             return self._cache[key][1]
-        self._found.ask(inputs, partial(_frames, flow, before, after))
+        self._found.request(inputs, partial(_frames, flow, before, after))
         self._store()
         return self._cache[key][1] if key in self._cache else None
 

@@ -88,7 +88,7 @@ class Painter:
             return self._transport(colors)
         if name == "error":
             return self._error(target, advected)
-        return self._by_coloring(advected, colors) or self._plain(advected, colors)
+        return self._by_coloring(advected, colors) or self._advected(advected, colors)
 
     def _before_the_map(self, name: str) -> Paint | None:
         """Return the paint of two surfaces without an initial map between them."""
@@ -138,8 +138,8 @@ class Painter:
         """Title of the colour bar of functions; on B they may be in standard deviations."""
         session = self._session
         target = session.work.flow_values("target")
-        is_own = target is None or target is session.values("target")
-        return "function" if is_own else _DEVIATIONS_TITLE
+        has_same_unit = target is None or target is session.values("target")
+        return "function" if has_same_unit else _DEVIATIONS_TITLE
 
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
@@ -167,7 +167,7 @@ class Painter:
         make = partial(Paint, "vertex values", values, title, colors, self._bar, mesh=mesh)
         return self._memos[name].get((mesh, values, title, colors), make)
 
-    def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
+    def _advected(self, advected: FloatArray, colors: ColorRange) -> Paint:
         """Return the paint of the advected function, also while another one is computed."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy

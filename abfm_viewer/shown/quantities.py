@@ -339,7 +339,7 @@ class FieldQuantities(Jobs):
                 flow.mesh, fields, starts, flow.duration, flow.parameters.tau
             )
 
-        return self._paths.ask((flow, points), compute) or []
+        return self._paths.request((flow, points), compute) or []
 
     @property
     def path_time(self) -> float:

@@ -140,7 +140,7 @@ class SequenceQuantities(FieldQuantities):
             cache.move_to_end(key)
             return field.mesh, cache[key]
         make = partial(convolved, field, quantities.TEXELS, fade, moving)
-        found, last = self._streaks.ask((field, fade, moving), make), self._streaks.value
+        found, last = self._streaks.request((field, fade, moving), make), self._streaks.value
         is_of_sequence = last is not None and last.field.interval_field is not None
         if last is not None and is_of_sequence and last.field.mesh is field.mesh:
             if any(each.field.mesh is not field.mesh for each in cache.values()):
@@ -167,7 +167,7 @@ class SequenceQuantities(FieldQuantities):
             fields = result.velocity * relative_durations[:, None, None]  # of equal duration
             return abfm.flow.flow_lines(flow.mesh, fields, starts, total, total)
 
-        return self._paths.ask((result, points), through_all) or []
+        return self._paths.request((result, points), through_all) or []
 
     @property
     def path_time(self) -> float:

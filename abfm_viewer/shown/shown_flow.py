@@ -115,7 +115,7 @@ class AtShownTime:
         def exact() -> FloatArray | None:
             key = (state, function, time)
             at = self._values_at
-            return self._exact.ask(key, lambda: at(state, function, np.array([time]))[0])
+            return self._exact.request(key, lambda: at(state, function, np.array([time]))[0])
 
         if self._at_once:
             return exact()
@@ -225,7 +225,7 @@ class ShownFlow(Jobs):
             return None
         if not (session.view.finer and result.refined):
             return None
-        fine = self._fine.ask(result, lambda: result.fine)
+        fine = self._fine.request(result, lambda: result.fine)
         if fine is None:
             return None
         channel, time, tau = session.document.channel, self.time, result.parameters.tau

@@ -30,7 +30,7 @@ class ShownTracks(Jobs):
         sequence = document.sequence_result
         if sequence is None or not document.view.tracks:
             return ()
-        return self._paths.ask(sequence, lambda: tuple(track_paths(sequence.tracks()))) or ()
+        return self._paths.request(sequence, lambda: tuple(track_paths(sequence.tracks()))) or ()
 
     def counts(self) -> dict[str, int]:
         """Return the number of tracks by kind, without kinds that have none."""
@@ -40,7 +40,7 @@ class ShownTracks(Jobs):
     def episodes(self) -> list[abfm.sequences.Episode]:
         """Return the slow and fast episodes of the result; empty before they are known."""
         sequence = self._session.document.sequence_result
-        return [] if sequence is None else self._episodes.ask(sequence, sequence.episodes) or []
+        return [] if sequence is None else self._episodes.request(sequence, sequence.episodes) or []
 
     def now(self) -> dict[str, FloatArray]:
         """Return the positions at the shown time, (P, 3) by kind."""

@@ -237,7 +237,7 @@ class Actions:
             self._dialogs.question(_QUIT, text, answers)
 
     def _save_and_close(self) -> None:
-        if self._session.solver.running and self._session.solver.has_found:
+        if self._session.solver.running and self._session.solver.has_partial_results:
             self._files.end_run("saving and closing", self._save_and_close)
         else:  # nothing of the run can be saved before its first field
             self._session.solver.cancel()

@@ -159,7 +159,7 @@ class Recoveries:
 
     def _show_question(self, recovery: Recovery) -> None:
         """Show the question about a copy as soon as the copy is read."""
-        show = self._reader.ask(recovery, partial(self._read, recovery))
+        show = self._reader.request(recovery, partial(self._read, recovery))
         if show is not None:
             self._reading = None
             show()

@@ -103,7 +103,7 @@ def areas(
 
 
 def open_window(
-    what: Openable,
+    inputs: Openable,
     backend: opengl.Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
@@ -117,10 +117,10 @@ def open_window(
     the machine cannot draw.
     """
     state, table, ambiguous = StateFolder(state_folder), None, None
-    if isinstance(what, TriangleMesh):
-        session = Session(what, "mesh")
+    if isinstance(inputs, TriangleMesh):
+        session = Session(inputs, "mesh")
     else:
-        given = what if isinstance(what, tuple) else (what,) if what else ()
+        given = inputs if isinstance(inputs, tuple) else (inputs,) if inputs else ()
         paths, array = [Path(one) for one in given[:2]], str(given[2]) if given[2:] else None
         first, *second = paths or [asset_path(_BUNDLED_MESH)]
         table = None if second else find_first(first)

@@ -103,7 +103,7 @@ class RequestMachine(RuleBasedStateMachine):
     def request_exactly(self, key):
         self.last = key
         full = ((VALUES, EQUAL)[key[0]], (key,))
-        assert self.latest.ask(full, lambda: self.compute(key)) in (None, key)
+        assert self.latest.request(full, lambda: self.compute(key)) in (None, key)
 
     @rule()
     def end_running_job(self):
@@ -165,16 +165,16 @@ def test_errors_of_jobs_are_one_line(latest, error, message, monkeypatch):
     """The next request is answered."""
     gone = SimpleNamespace(write=raising(OSError("the terminal is gone")))
     monkeypatch.setattr("sys.stderr", gone)  # unprintable errors do not end the thread
-    latest.ask("bad", raising(error))
+    latest.request("bad", raising(error))
     until(lambda: latest.key == "bad")
     assert (latest.value, latest.error) == (None, message)
-    latest.ask("good", lambda: 3)
-    until(lambda: latest.ask("good", lambda: 3) == 3)
+    latest.request("good", lambda: 3)
+    until(lambda: latest.request("good", lambda: 3) == 3)
     assert latest.error == ""
 
 
 def test_cancelled_job_prints_no_traceback(latest, capsys):
-    latest.ask("key", raising(CancelledError()))
+    latest.request("key", raising(CancelledError()))
     until(lambda: latest.key == "key")
     assert latest.value is None
     assert capsys.readouterr().err == ""
@@ -186,10 +186,10 @@ def test_job_without_a_thread_starts_later(latest, monkeypatch):
         none_left = raising(RuntimeError("can't start new thread"))
         patched.setattr(background.THREADS, "submit", none_left)
         with pytest.raises(RuntimeError):
-            latest.ask("key", lambda: 1)
-    until(lambda: latest.ask("key", lambda: 1) == 1)
+            latest.request("key", lambda: 1)
+    until(lambda: latest.request("key", lambda: 1) == 1)
     latest.retire()
-    assert latest.ask("another", lambda: 1) is None
+    assert latest.request("another", lambda: 1) is None
     assert not latest.busy
 
 
@@ -197,7 +197,7 @@ def test_jobs_factor_large_systems_in_a_subprocess(
     latest,
 ):
     """Small systems, and those of other threads, are factored in this process."""
-    latest.ask("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
+    latest.request("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
     assert not is_factored_in_subprocess(10**9)
@@ -234,31 +234,31 @@ def test_repeated_request_is_computed_once(latest, held):
     """Also if its value is known or its job is running."""
     job, begun, end = held
     there, under_way = job("there"), job("under way")
-    latest.ask("there", there)
+    latest.request("there", there)
     until(lambda: begun == ["there"])
-    latest.ask("other", job("other"))
-    latest.ask("there", there)
+    latest.request("other", job("other"))
+    latest.request("there", there)
     end("there")
-    until(lambda: latest.ask("there", there) == "there")
+    until(lambda: latest.request("there", there) == "there")
     assert not latest.busy
-    latest.ask("under way", under_way)
+    latest.request("under way", under_way)
     until(lambda: begun == ["there", "under way"])
-    assert latest.ask("there", there) == "there"
+    assert latest.request("there", there) == "there"
     end("under way")
     latest.close(10)  # after the job has ended
     assert not latest.busy
-    assert (latest.key, latest.ask("there", there)) == ("there", "there")
+    assert (latest.key, latest.request("there", there)) == ("there", "there")
     assert begun == ["there", "under way"]
 
 
 def test_running_job_does_not_block_others(latest, held):
     """Closing does not wait long for it."""
     job, begun, end = held
-    latest.ask("late", job("late"))
+    latest.request("late", job("late"))
     until(lambda: begun == ["late"])
     others = [Latest() for _ in range(30)]
     for number, other in enumerate(others):
-        other.ask(number, lambda number=number: number)
+        other.request(number, lambda number=number: number)
     until(lambda: [other.value for other in others] == list(range(30)))
     latest.close(0.1)
     assert latest.is_running
@@ -275,7 +275,7 @@ def test_at_once_computes_in_this_thread():
         return len(threads)
 
     for key, expected in (((1, VALUES), 1), ((1, VALUES), 1), ((1, EQUAL), 2), ((2, EQUAL), 3)):
-        assert latest.ask(key, count) == expected
+        assert latest.request(key, count) == expected
         assert not latest.busy
     assert set(threads) == {threading.current_thread()}
 
@@ -284,12 +284,12 @@ def test_jobs_share_error_and_end():
     jobs = Jobs()
     one, other = jobs.latest(), jobs.latest()
     may_end = threading.Event()
-    one.ask("a", lambda: may_end.wait(10))
-    other.ask("b", lambda: 1 / 0)
+    one.request("a", lambda: may_end.wait(10))
+    other.request("b", lambda: 1 / 0)
     assert jobs.busy
     may_end.set()
     until(lambda: not jobs.busy)
     check_message(jobs.error, "ZeroDivisionError")
     jobs.close()
-    assert one.ask("c", lambda: 1) is None
+    assert one.request("c", lambda: 1) is None
     assert not jobs.busy

@@ -59,7 +59,7 @@ def test_result_is_passed_on_once(run):
     assert started.passed_on == [30]
     assert started.partials == list(range(30))
     assert (run.running, run.finished, run.failed, run.reason) == (False, True, False, "")
-    assert run.has_found
+    assert run.has_partial_results
     assert run.seconds_each > 0
     run.forget()
     assert run.state is RunState.IDLE

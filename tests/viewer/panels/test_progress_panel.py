@@ -19,7 +19,7 @@ def test_job_reports_its_step_until_it_is_done():
             go_on.wait(10)
         return 10
 
-    latest.ask(1, job)
+    latest.request(1, job)
     until(lambda: latest.step)
     assert latest.step.task == "counting to ten"
     go_on.set()
