@@ -42,7 +42,7 @@ _BALL = 256
 
 
 def reserve_core_for_solver() -> None:
-    """Make Mesa use one core less, or it would stop the solver at every frame.
+    """Limit the threads of Mesa, which would otherwise stop the solver at every frame.
 
     Call this before `start`.
     """

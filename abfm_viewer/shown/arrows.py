@@ -77,7 +77,7 @@ def arrow_spacing(density: float, scale: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Arrows:
-    """A arrows, each straight on the surface, and the triangles that draw them."""
+    """Straight arrows on a surface, and the triangles that draw them; A is their number."""
 
     mesh: TriangleMesh
     style: ArrowStyle

@@ -66,7 +66,7 @@ class FlowState:
 
     @property
     def velocity(self) -> FloatArray:
-        """The fields (N, F, 3) on the mesh itself; the frame loop must not use it, as `flow`."""
+        """The fields (N, F, 3) on the mesh itself; like `flow`, not for the frame loop."""
         return self.flow.velocity
 
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:

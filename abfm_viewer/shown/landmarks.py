@@ -27,7 +27,7 @@ _DEPTH_TOLERANCE = 0.01  # of sqrt(area): a point less far behind a face is not 
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPoints:
-    """P points of landmarks on a surface."""
+    """Points of landmarks on a surface; P is their number."""
 
     mesh: TriangleMesh
     numbers: tuple[int, ...]  # of the landmarks, from 0

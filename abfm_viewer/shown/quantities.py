@@ -50,7 +50,7 @@ class Field:
     part: FieldPart = "whole"
     note: str = ""  # for the user
     dimension: int = 1  # power of the length in the unit
-    fast: float = 0.0  # fast speed of several consecutive fields; 0 for that of this field
+    fast: float = 0.0  # speed of the longest arrows; 0 for `fast_speed` of this field alone
 
     def relative_speed(self) -> tuple[FloatArray, str]:
         """Return the speed (F,) and its unit, with sqrt(area) as the unit of length.
@@ -265,7 +265,10 @@ class FieldQuantities(Jobs):
         return None
 
     def fast(self, field: Field) -> float | None:
-        """Return the fast speed, or 0 for that of the field alone; None before it is known."""
+        """Return the speed of the longest arrows; None before it is known.
+
+        It is 0 for `abfm.calculus.fast_speed` of the field alone.
+        """
         return field.fast
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:

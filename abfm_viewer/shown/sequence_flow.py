@@ -118,7 +118,7 @@ class SequenceQuantities(FieldQuantities):
         return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
 
     def fast(self, field: Field) -> float | None:
-        """Return the fast speed of all intervals; None before it is known.
+        """Return the speed of the longest arrows in all intervals; None before it is known.
 
         It never decreases during a run.
         """
