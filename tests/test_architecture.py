@@ -32,8 +32,8 @@ NO_SCREEN = environment_without("DISPLAY", "WAYLAND_DISPLAY")
 def wheel(tmp_path_factory):
     """Return the wheel that is built from the source distribution."""
     folder = tmp_path_factory.mktemp("built")
-    left_out = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
-    source = shutil.copytree(ROOT, folder / "source", ignore=left_out)
+    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
+    source = shutil.copytree(ROOT, folder / "source", ignore=ignored)
     build = ("-m", "hatchling", "build", "-t", "sdist", "-d", folder)
     run(sys.executable, *build, cwd=source, check=True)
     pip = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder)

@@ -46,15 +46,16 @@ def main():
     add("--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one a core)")
     add("--only", choices=PARTS, action="append", help="this part alone; may be repeated")
     add("--repeat", metavar="PART:SEED", help="make the trials of a seed again, and shrink a fault")
-    asked = parser.parse_args()
-    if asked.repeat:
-        part, _, seed = asked.repeat.rpartition(":")
+    options = parser.parse_args()
+    if options.repeat:
+        part, _, seed = options.repeat.rpartition(":")
         if part not in PARTS or not seed.isdecimal():
-            parser.error(f"--repeat {asked.repeat}: expected one of {', '.join(PARTS)}, and a seed")
+            names = ", ".join(PARTS)
+            parser.error(f"--repeat {options.repeat}: expected one of {names}, and a seed")
         tallies = [run_part(part, int(seed), 0, shrinks=True)]
     else:
-        seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
-        tallies = attack(asked.only or list(PARTS), asked.minutes * 60, seed, asked.workers)
+        seed = secrets.randbelow(10**6) * 10**3 if options.seed is None else options.seed
+        tallies = attack(options.only or list(PARTS), options.minutes * 60, seed, options.workers)
     print(table(tallies))
     return int(any(tally.faults for tally in tallies))
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.attack.specimens import COUNT, MESH, WHOLE, Specimen, X, specimens
+from tests.attack.specimens import COUNT, MESH, SPHERE, Specimen, X, specimens
 from tests.attack.victim import LARGEST
 from tests.core.mesh.heavy_meshes import HEAVY
 from tests.core.reading.hostile import bomb
@@ -21,7 +21,7 @@ from tests.core.reading.vtk_files import vtk_bytes
 from tests.mesh_writers import WRITERS, obj_text, off_text
 from tests.shapes import icosphere, moebius_arrays, open_cylinder, square, tetrahedron, torus
 
-_OFF, _OBJ = off_text(WHOLE.vertices, WHOLE.faces), obj_text(WHOLE.vertices, WHOLE.faces)
+_OFF, _OBJ = off_text(SPHERE.vertices, SPHERE.faces), obj_text(SPHERE.vertices, SPHERE.faces)
 _POINTS = (
     '<DataArray Intent="NIFTI_INTENT_POINTSET" DataType="NIFTI_TYPE_FLOAT32" Endian="LittleEndian" '
     'Dimensionality="2" Dim0="{}" Dim1="3" Encoding="{}" {}><Data>{}</Data></DataArray>'

@@ -108,8 +108,8 @@ def _lines(chance, data):
     rows = data.split(b"\n")
     place, other = chance.randrange(len(rows)), chance.choice(rows)
     rows[place : place + chance.choice((0, 1))] = chance.choice(([], [other]))
-    mark = chance.choice((b"", b"", b"\xef\xbb\xbf"))
-    return mark + chance.choice((b"\n", b"\n", b"\r\n", b"\r", b"\n\n", b"\x85")).join(rows)
+    bom = chance.choice((b"", b"", b"\xef\xbb\xbf"))
+    return bom + chance.choice((b"\n", b"\n", b"\r\n", b"\r", b"\n\n", b"\x85")).join(rows)
 
 
 def _inside(chance, data):

@@ -40,7 +40,7 @@ from tests.viewer.cli.batches import (
 )
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_SAID = ("stopping with the best result so far", "stopping with the finished", "abfm: interrupted")
+_STOPPED = ("stopping with the best", "stopping with the finished", "abfm: interrupted")
 _PROGRESS = ("iteration ", "compiling", "note: ")
 _PATIENCE = 60.0  # seconds until a process counts as not ending
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
@@ -96,7 +96,7 @@ class Signals:
             if process.returncode not in (0, 3, 128 + number):
                 faults.append(f"exit status {process.returncode}")
             lines = [line for line in errors.splitlines() if not line.startswith(_PROGRESS)]
-            if process.returncode and (lines := [x for x in lines if not x.startswith(_SAID)]):
+            if process.returncode and (lines := [x for x in lines if not x.startswith(_STOPPED)]):
                 faults.append(f"stderr: {lines[-1][-300:]!r}")
             has_result = "\niteration" in errors and mode != "twice"
             faults += _faults_of_files(folder, files, needs_result=has_result)
@@ -248,7 +248,7 @@ class Batches:
         self._folder, self._table = folder, folder / "table.csv"
         write_table(self._table, _ROWS, iterations=60)
         start(self._table, folder / "alone", "--quiet", "--jobs=1").communicate()
-        self._wanted = results(folder / "alone")
+        self._expected = results(folder / "alone")
 
     def attempt(self, chance):
         """Kill processes of a batch by two workers until it ends by itself."""
@@ -273,7 +273,7 @@ class Batches:
             faults = [
                 f"{name[:8]} was solved again" for name in changed_results(done, written(out))
             ]
-            faults += [] if results(out) == self._wanted else ["other results than undisturbed"]
+            faults += [] if results(out) == self._expected else ["other results than undisturbed"]
             faults += [f"process {each} remains" for each in lingering(there)]
         if process.returncode not in (0, 3):
             faults.append(f"exit status {process.returncode}")

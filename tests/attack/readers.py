@@ -142,8 +142,8 @@ def _state(path):
     assert 0.5 <= _session().view.ui_scale <= 4
     state.add_recent(path)
     state.set_preference("theme", "dark")
-    kept = path in state.recent() and state.preferences().get("theme") == "dark"
-    assert kept or not was_file
+    is_preserved = path in state.recent() and state.preferences().get("theme") == "dark"
+    assert is_preserved or not was_file
 
 
 def _spec(path):

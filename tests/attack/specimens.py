@@ -27,8 +27,8 @@ from tests.mesh_writers import STL_WRITERS, WRITERS, exported, mni_obj, off_file
 from tests.shapes import icosphere, with_loose_vertex
 from tests.viewer.files.test_project import DOCUMENT, KNOWN, RESULT
 
-WHOLE = icosphere(1)
-MESH = with_loose_vertex(WHOLE)
+SPHERE = icosphere(1)
+MESH = with_loose_vertex(SPHERE)
 COUNT = MESH.file_vertex_count
 X, Y = MESH.vertices[:, 0].copy(), MESH.vertices[:, 1].copy()
 _ON_FILE = np.stack([np.arange(COUNT) / 3, -np.arange(COUNT) / 7, np.arange(COUNT) ** 2.0], axis=1)
@@ -57,10 +57,10 @@ class Specimen:
 @cache
 def specimens():
     """Return all specimens, by name."""
-    meshes = {name: write(WHOLE.vertices, WHOLE.faces) for name, (write, _) in WRITERS.items()}
-    meshes |= {n: exported(WHOLE.vertices, WHOLE.faces, kind) for n, kind in STL_WRITERS.items()}
+    meshes = {name: write(SPHERE.vertices, SPHERE.faces) for name, (write, _) in WRITERS.items()}
+    meshes |= {n: exported(SPHERE.vertices, SPHERE.faces, kind) for n, kind in STL_WRITERS.items()}
     meshes |= {f"legacy-{n}.vtk": legacy(*form) for n, form in enumerate(FORMS)}
-    meshes["civet.obj"] = mni_obj(WHOLE).encode()
+    meshes["civet.obj"] = mni_obj(SPHERE).encode()
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
     recent = ["/nowhere/a.abfm", "recent.json", "b.off"]
     found = [
@@ -103,12 +103,12 @@ def _written():
         "map.txt": ("map", lambda path: np.savetxt(path, mirrored, "%d")),
         "map.vts": ("map", lambda path: np.savetxt(path, mirrored + 1, "%d")),
         "pairs.csv": ("map", lambda path: np.savetxt(path, np.stack([used, used], 1), "%d", ",")),
-        "film.npy": ("frames", lambda path: np.save(path, three.T)),
-        "film.npz": ("frames", lambda path: np.savez(path, frames=three.T, times=np.arange(3))),
-        "film.csv": ("frames", partial(write_values, values=three)),
-        "film.func.gii": ("frames", partial(write_values, values=three)),
-        "film.mgz": ("frames", partial(write_values, values=three)),
-        "film-lh.stc": ("frames", lambda p: write_stc(p, three.T, np.arange(COUNT), np.arange(3))),
+        "frames.npy": ("frames", lambda path: np.save(path, three.T)),
+        "frames.npz": ("frames", lambda path: np.savez(path, frames=three.T, times=np.arange(3))),
+        "frames.csv": ("frames", partial(write_values, values=three)),
+        "frames.func.gii": ("frames", partial(write_values, values=three)),
+        "frames.mgz": ("frames", partial(write_values, values=three)),
+        "wave-lh.stc": ("frames", lambda p: write_stc(p, three.T, np.arange(COUNT), np.arange(3))),
         "table.csv": ("table", lambda path: path.write_text(_TABLE)),
         "landmarks.csv": ("landmarks", lambda path: path.write_text("name,a,b\np,6,9\nq,7,10\n")),
         "plain.abfm": ("project", lambda path: save_project(path, plain, {})),
@@ -146,7 +146,7 @@ def _batch():
     """Return files of a folder with two rows, one of which failed, and of subjects."""
     with TemporaryDirectory() as place:
         folder = Path(place)
-        off_file(folder / "m.off", WHOLE)
+        off_file(folder / "m.off", SPHERE)
         np.save(folder / "f.npy", X[:42])
         subjects = "name,surface,thickness\n" + "".join(f"s{k},m.off,f.npy\n" for k in range(3))
         options = {"mesh": "m.off", "source": "coordinate:x", "target": "coordinate:y"}

@@ -64,10 +64,10 @@ def test_files_are_opened_or_refused_in_one_line(make, trials, tmp_path):
 @linux
 def test_faults_are_reported_and_stored(tmp_path):
     with Victim(tmp_path, seconds=1, megabytes=100, open_file=read_as) as victim:
-        for act, told in ACTS.items():
+        for act, expected in ACTS.items():
             with pytest.raises(FaultError) as caught:
                 victim.open(Specimen("a.txt", "act", act.encode()), "act")
-            assert told in str(caught.value)
+            assert expected in str(caught.value)
             assert (tmp_path / "a.txt" / "a.txt").read_text() == act
         assert victim.open(Specimen("a.txt", "act", b"1"), "fine").is_refused is False
 

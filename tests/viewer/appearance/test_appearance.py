@@ -52,9 +52,9 @@ TO_RGB = np.array(
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
 CURVES = ("lines", "flow")  # of residuals
 # in CIELAB, where 2.3 is just noticeable; thin lines need several times as much
-APART = 20.0
+DIFFERENCE_MIN = 20.0
 # minimum for texts, and for marks that are needed to understand a widget
-READ, SEEN = 4.5, 3.0
+TEXT_CONTRAST, MARK_CONTRAST = 4.5, 3.0
 
 
 def luminance(colors):
@@ -64,10 +64,10 @@ def luminance(colors):
 
 
 @pytest.mark.parametrize(
-    ("least", "expected"), [(-0.01, ("sequential", -0.01, 1)), (-2.0, ("diverging", -2, 2))]
+    ("minimum", "expected"), [(-0.01, ("sequential", -0.01, 1)), (-2.0, ("diverging", -2, 2))]
 )
-def test_signed_functions_have_a_symmetric_range(least, expected):
-    shared = color_range(np.array([0.0, 0.4]), np.array([least, 1.0]))
+def test_signed_functions_have_a_symmetric_range(minimum, expected):
+    shared = color_range(np.array([0.0, 0.4]), np.array([minimum, 1.0]))
     assert (shared.colormap, shared.low, shared.high) == (f"abfm {expected[0]}", *expected[1:])
 
 
@@ -154,43 +154,43 @@ def colors(request):
 
 @pytest.mark.parametrize(("ink", "ground"), [*product(get_args(TextTone), GROUNDS)])
 def test_texts_have_contrast(colors, ink, ground):
-    assert contrast(getattr(colors, ink), getattr(colors, ground)) >= READ
+    assert contrast(getattr(colors, ink), getattr(colors, ground)) >= TEXT_CONTRAST
 
 
 def test_button_and_sliders_have_contrast(colors):
-    assert contrast(colors.accent_ink, colors.accent) >= READ
-    assert contrast(colors.accent_ink, colors.accent_hovered) >= READ
-    assert contrast(colors.accent, colors.panel) >= SEEN
-    assert contrast(colors.accent, colors.field) >= SEEN
-    assert contrast(colors.marker, colors.field) >= SEEN
+    assert contrast(colors.accent_ink, colors.accent) >= TEXT_CONTRAST
+    assert contrast(colors.accent_ink, colors.accent_hovered) >= TEXT_CONTRAST
+    assert contrast(colors.accent, colors.panel) >= MARK_CONTRAST
+    assert contrast(colors.accent, colors.field) >= MARK_CONTRAST
+    assert contrast(colors.marker, colors.field) >= MARK_CONTRAST
 
 
 def test_curves_have_contrast_for_every_eye(colors):
     """With the plot and with each other, also for the colour-blind."""
     curves = [getattr(colors, name) for name in CURVES]
-    assert min(contrast(curve, colors.ground) for curve in curves) >= SEEN
+    assert min(contrast(curve, colors.ground) for curve in curves) >= MARK_CONTRAST
     for sight, (one, other) in product(SIGHTS, combinations(curves, 2)):
-        assert difference(one, other, sight) > APART, sight
+        assert difference(one, other, sight) > DIFFERENCE_MIN, sight
 
 
 def degrees_between(one, other):
     first, second = (360 * colorsys.rgb_to_hsv(*color[:3])[0] for color in (one, other))
-    apart = abs(first - second) % 360
-    return min(apart, 360 - apart)
+    angle = abs(first - second) % 360
+    return min(angle, 360 - angle)
 
 
 def test_tones_differ_for_every_eye(colors):
     """Good, warning and failure are distinguishable, also for the colour-blind."""
     tones = [getattr(colors, name) for name in ("good", "warning", "failure")]
     for sight, (one, other) in product(SIGHTS, combinations(tones, 2)):
-        assert difference(one, other, sight) > APART, sight
+        assert difference(one, other, sight) > DIFFERENCE_MIN, sight
 
 
 def test_residual_curves_and_failure_have_other_hues(colors):
     others = ("source", "target", "accent", "accent_hovered", "good", "warning", "marker")
-    for term, reserved, least in (
+    for term, reserved, minimum in (
         *product(CURVES, ("source", "target", "failure"), (25,)),
         *product(("failure",), others, (45,)),
     ):
-        apart = degrees_between(getattr(colors, term), getattr(colors, reserved))
-        assert apart > least, (term, reserved)
+        angle = degrees_between(getattr(colors, term), getattr(colors, reserved))
+        assert angle > minimum, (term, reserved)

@@ -47,11 +47,11 @@ def test_arrays_are_compared_by_identity(one, other, expected):
 
 
 def test_memo_makes_a_value_only_for_new_inputs():
-    memo, made = Memo(), []
+    memo, calls = Memo(), []
 
     def make():
-        made.append(1)
-        return [len(made)]
+        calls.append(1)
+        return [len(calls)]
 
     first = memo.get((VALUES, 1), make)
     assert memo.get((VALUES, 1), make) is first == [1]
@@ -204,7 +204,7 @@ def test_jobs_factor_large_systems_in_a_subprocess(
 
 
 @pytest.fixture
-def held(latest):
+def controlled(latest):
     """Jobs that wait until they are released.
 
     Yields a function that makes a job, a list of begun jobs, and a function that releases one.
@@ -230,10 +230,10 @@ def held(latest):
         event.set()
 
 
-def test_repeated_request_is_computed_once(latest, held):
+def test_repeated_request_is_computed_once(latest, controlled):
     """Also if its value is known or its job is running."""
-    job, begun, end = held
-    there, under_way = job("there"), job("under way")
+    job, begun, end = controlled
+    there, running = job("there"), job("under way")
     latest.request("there", there)
     until(lambda: begun == ["there"])
     latest.request("other", job("other"))
@@ -241,7 +241,7 @@ def test_repeated_request_is_computed_once(latest, held):
     end("there")
     until(lambda: latest.request("there", there) == "there")
     assert not latest.busy
-    latest.request("under way", under_way)
+    latest.request("under way", running)
     until(lambda: begun == ["there", "under way"])
     assert latest.request("there", there) == "there"
     end("under way")
@@ -251,9 +251,9 @@ def test_repeated_request_is_computed_once(latest, held):
     assert begun == ["there", "under way"]
 
 
-def test_running_job_does_not_block_others(latest, held):
+def test_running_job_does_not_block_others(latest, controlled):
     """Closing does not wait long for it."""
-    job, begun, end = held
+    job, begun, end = controlled
     latest.request("late", job("late"))
     until(lambda: begun == ["late"])
     others = [Latest() for _ in range(30)]

@@ -101,8 +101,8 @@ def same_run(matching, mesh, parameters):
 def check_advected(match, functions):
     """Check that the field of a match advects the source to the given function."""
     flow = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau)
-    carried = flow.push(functions.evaluate(PAIR.source), ENDLESS.tau)
-    np.testing.assert_allclose(carried, match.advected[:, 0], atol=1e-5)
+    pushed = flow.push(functions.evaluate(PAIR.source), ENDLESS.tau)
+    np.testing.assert_allclose(pushed, match.advected[:, 0], atol=1e-5)
 
 
 def test_run_equals_match(matching):
@@ -116,16 +116,16 @@ def test_run_equals_match(matching):
 
 
 def test_run_reports_preparation_of_coarser_meshes(matching, functions):
-    told = []
-    tell = matching.run._set_step
-    matching.run._set_step = lambda step: (told.append(step), tell(step))
+    steps = []
+    set_step = matching.run._set_step
+    matching.run._set_step = lambda step: (steps.append(step), set_step(step))
     sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # without coarser meshes so far
     matching.prepare(sphere, QUICK.with_values(levels=2))
     matching.begin(replace(problem(QUICK.with_values(levels=2)), mesh=sphere), functions)
     matching.ended()
-    tasks = [step.task for step in told if step]
+    tasks = [step.task for step in steps if step]
     assert tasks.count("making coarser meshes") == 2  # in advance, and when the match uses them
-    assert told[-1] is None
+    assert steps[-1] is None
 
 
 def test_mask_weights_and_errors_equal_match(matching, functions):
@@ -279,12 +279,12 @@ def with_sent_field(running):
 
 
 def test_killed_process_leaves_the_sent_field(with_sent_field, functions):
-    kept = with_sent_field._best
+    sent = with_sent_field._best
     result, record, _ = with_sent_field.killed()
     assert result.velocity.any()
-    assert result.residual <= kept.shown.residual
+    assert result.residual <= sent.shown.residual
     check_advected(result, functions)
-    assert len(record.stages) > kept.iteration.iteration
+    assert len(record.stages) > sent.iteration.iteration
 
 
 def test_killed_run_keeps_the_latest_result(with_sent_field):

@@ -214,11 +214,11 @@ def return_the_keyboard(gui, tmp_path):
 
 
 def cancel_opening(gui, tmp_path, monkeypatch):
-    path, may_go_on = off_file(tmp_path / "slow.off", icosphere(1)), threading.Event()
+    path, may_continue = off_file(tmp_path / "slow.off", icosphere(1)), threading.Event()
     read = session_files.load_mesh
 
     def slow(*words, **options):
-        assert may_go_on.wait(60)
+        assert may_continue.wait(60)
         return read(*words, **options)
 
     monkeypatch.setattr(session_files, "load_mesh", slow)
@@ -230,7 +230,7 @@ def cancel_opening(gui, tmp_path, monkeypatch):
     assert not gui.session.solver.running
     gui.click("Cancel", "opening")
     assert gui.is_enabled("Match")
-    may_go_on.set()
+    may_continue.set()
     gui.frames(10)
     assert gui.session.surface().mesh is before
     gui.window._dropped([str(path)])

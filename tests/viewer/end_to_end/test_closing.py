@@ -127,12 +127,12 @@ def resume_after_a_killed_process(gui):
         gui.session.matching.unfinished(
             gui.session.matching.snapshot, gui.session.functions.of_document(gui.session.document)
         )
-        kept = gui.session.matching._best.shown
+        best = gui.session.matching._best.shown
         os.kill(gui.session.solver.process._worker.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         result = gui.session.result
         # there may be a better one by now
-        assert (result.velocity == kept.velocity).all() or result.residual <= kept.residual
+        assert (result.velocity == best.velocity).all() or result.residual <= best.residual
         check_message(gui.session.notices.cards[0].text)
         gui.click(label, within="message 1")
         gui.wait(lambda s: s.matching.snapshot is not None)

@@ -84,9 +84,9 @@ def save_pictures(small, tmp_path):
 
 def save_movies(small, tmp_path):
     for suffix in (".gif", ".mp4"):
-        film = tmp_path / f"film{suffix}"
-        exported(small, "Save movie...", film)
-        with av.open(film) as movie:
+        movie_path = tmp_path / f"movie_path{suffix}"
+        exported(small, "Save movie...", movie_path)
+        with av.open(movie_path) as movie:
             frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
         assert len(frames) == 5
         assert frames[0].shape == (300, 400, 3)

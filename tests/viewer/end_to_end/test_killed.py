@@ -59,10 +59,10 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
 
 def is_copied(state):
     """Return whether there is a copy from after the marker."""
-    mark, copies = state / "matching", list(state.glob("autosave-*.abfm"))
-    if not (mark.exists() and copies):
+    marker, copies = state / "matching", list(state.glob("autosave-*.abfm"))
+    if not (marker.exists() and copies):
         return False
-    return max(copy.stat().st_mtime_ns for copy in copies) > mark.stat().st_mtime_ns
+    return max(copy.stat().st_mtime_ns for copy in copies) > marker.stat().st_mtime_ns
 
 
 def ready(session):

@@ -108,8 +108,8 @@ def place_drag_and_remove(gui):
     assert [gui.text_of(f"{n + 1}: placed") for n in range(4)] == [*3 * [""], "chosen"]
     gui.frames(2)
     # discs on each surface and at the moved points, and rings at the goals
-    marks = gui.window.scene.landmarks()
-    assert {(mark.surface, mark.side, mark.is_goal) for mark in marks} == {
+    landmarks = gui.window.scene.landmarks()
+    assert {(each.surface, each.side, each.is_goal) for each in landmarks} == {
         ("source", "source", False),
         ("target", "target", False),
         ("advected", "target", True),
@@ -184,8 +184,8 @@ def match_landmarks_alone(gui, tmp_path):
     assert np.ptp(result.advected) > 0.5
 
     def farthest():
-        apart = gui.window.shown.landmarks.moved().places - positions(gui, "target")
-        return np.linalg.norm(apart, axis=1).max() / BALL.length_scale
+        offsets = gui.window.shown.landmarks.moved().places - positions(gui, "target")
+        return np.linalg.norm(offsets, axis=1).max() / BALL.length_scale
 
     gui.wait(lambda _: farthest() < 0.006)
     gui.drag("time", 0)
@@ -250,12 +250,12 @@ def remove_during_a_drag(gui):
     session = gui.session
     place(gui, 2)
     _, second = session.document.landmarks
-    mark = next(one for one in gui.window.scene.landmarks() if one.number == 0 and one.side)
-    gui.input.move(*mark.place)
+    landmark = next(one for one in gui.window.scene.landmarks() if one.number == 0 and one.side)
+    gui.input.move(*landmark.place)
     gui.input.press()
     gui.frames(1)
     session.editor.remove_landmark()
-    gui.input.move(mark.place[0] + 20, mark.place[1] + 10)
+    gui.input.move(landmark.place[0] + 20, landmark.place[1] + 10)
     gui.input.release()
     gui.frames(2)
     assert session.document.landmarks == (second,)
@@ -264,8 +264,8 @@ def remove_during_a_drag(gui):
 def zoom_over_a_landmark(gui):
     place(gui, 2)
     gui.frames(2)
-    mark = next(one for one in gui.window.scene.landmarks() if one.side)
-    gui.input.move(*mark.place)
+    landmark = next(one for one in gui.window.scene.landmarks() if one.side)
+    gui.input.move(*landmark.place)
     gui.input.wheel(2)
     gui.frames(2)
     assert gui.session.view.viewpoint.zoom > 1

@@ -123,9 +123,9 @@ def warn_of_a_torn_map(matched, notes):
         for coloring in MAPS:
             matched.choose("color by", coloring)
             calm(matched)
-            wanted = expected if coloring != "function" else 0
-            matched.wait(lambda _, wanted=wanted: len(warned()) >= wanted)
-            assert len(warned()) == wanted
+            count = expected if coloring != "function" else 0
+            matched.wait(lambda _, count=count: len(warned()) >= count)
+            assert len(warned()) == count
 
 
 def hide_old_numbers_during_a_run(matched, notes):

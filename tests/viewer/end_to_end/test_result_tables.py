@@ -231,15 +231,15 @@ def show_the_outlier(opened, monkeypatch):
     assert rows_of(opened)[0] == population_sample.OUTLIER_NAME
     assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
     found = load(tables.table.place / population_sample.NAME)
-    odd = found.subject(population_sample.OUTLIER_NAME)
+    outlier = found.subject(population_sample.OUTLIER_NAME)
     opened.wait(lambda s: s.values("target") is not None)
-    np.testing.assert_array_equal(session.values("source"), found.values[odd, :, 0])
-    np.testing.assert_array_equal(session.values("target"), found.mean_of_others(odd))
+    np.testing.assert_array_equal(session.values("source"), found.values[outlier, :, 0])
+    np.testing.assert_array_equal(session.values("target"), found.mean_of_others(outlier))
     shown = {
         "mean": found.mean(),
         "deviation": found.deviation(),
         "areas": found.log2_area_deviation,
-        "difference": found.values[odd, :, 0] - found.mean_of_others(odd),
+        "difference": found.values[outlier, :, 0] - found.mean_of_others(outlier),
     }
     for what, values in shown.items():
         opened.choose("compare", what)
@@ -248,17 +248,17 @@ def show_the_outlier(opened, monkeypatch):
     for head in ("correlation", "|log2 J|"):
         opened.click(head, "rows")
     # saved as a project it is an ordinary document
-    path = tables.table.place / "odd.abfm"
+    path = tables.table.place / "outlier.abfm"
     opened.window.files.save(path)
     opened.wait(lambda s: not opened.window.files.saving)
     document, known = load_project(path)
     assert not isinstance(document, SubjectDocument)
-    np.testing.assert_array_equal(known[document.channels[0].source], found.values[odd, :, 0])
+    np.testing.assert_array_equal(known[document.channels[0].source], found.values[outlier, :, 0])
     assert document.display_names == session.document.display_names
     assert set(session.document.display_names.values()) == {"bands"}
     notes_now = texts(opened, monkeypatch)
-    odd = next(text for text in notes_now if population_sample.OUTLIER_NAME in text)
-    check_message(odd, "registered", "does not fit")
+    note = next(text for text in notes_now if population_sample.OUTLIER_NAME in text)
+    check_message(note, "registered", "does not fit")
     assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")
     settle(opened)

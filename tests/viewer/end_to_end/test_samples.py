@@ -28,7 +28,7 @@ from tests.messages import check_message
 from tests.shapes import icosphere
 
 SIZE = (640, 480)  # large enough for the menu
-APART = (2, 7)
+IN_SUBPROCESS = (2, 7)
 """Figures that a subprocess sets up here, as it does all figures in the app.
 
 One has a flow, and one has values of a file.
@@ -54,7 +54,7 @@ def wait(gui, condition, seconds=60):
 def test_figure_is_ready_to_match(samples, figure, monkeypatch):
     example = example_of(script(figure, FigureSetup()))
     problem, flow = example.problem, example.flow
-    if figure not in APART:
+    if figure not in IN_SUBPROCESS:
         received = pickle.loads(pickle.dumps((example, match_of_flow(example))))
         monkeypatch.setattr("abfm.experiments.example_in_subprocess", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")

@@ -81,7 +81,7 @@ def test_widgets_behind_a_dialog_look_disabled(large, tmp_path, theme):
 LARGEST = (2560, 1440)
 SIZES = [(1000, 700), LARGEST]
 SCALES = [1.0, 2.0]
-PLAIN = ellipsoid(2, 1.0, 0.7, 0.55)  # the time of drawing depends on pixels and faces
+SMALL_EGG = ellipsoid(2, 1.0, 0.7, 0.55)  # the time of drawing depends on pixels and faces
 DRAGS = (0.9, -0.8, 0.1)  # downwards, in half slots
 MOVING = (1, 2)  # the right button, and the middle one
 NOTCHES = 12  # of the wheel, after which the surface is larger than its slot
@@ -104,7 +104,7 @@ def pixels_outside(slots, margin=0):
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_mouse_keeps_surfaces_in_their_slots(size):
     """In the largest window only for the six surfaces of the automatic layout."""
-    with Driver(PLAIN, size=size) as gui:
+    with Driver(SMALL_EGG, size=size) as gui:
         down = cycle(DRAGS)
         layouts = LAYOUTS if size < LARGEST else ("automatic",)
         for (scale, button), layout in product(zip(SCALES, MOVING, strict=True), layouts):

@@ -31,7 +31,7 @@ TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
 FRONT = Eye(np.eye(3))
 FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
-GIVEN = SequenceSettings(alpha=1.0, sigma=0.1, order=1)
+SETTINGS = SequenceSettings(alpha=1.0, sigma=0.1, order=1)
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def compare_phases_on_a_circle(gui, tmp_path):
     gui.click("circular")
     gui.wait(lambda s: s.document.sequence.channels == 2)
 
-    expected = abfm.sequence(EGG, phases, 0.5 * np.arange(COUNT), GIVEN.parameters, circular=360)
+    expected = abfm.sequence(EGG, phases, 0.5 * np.arange(COUNT), SETTINGS.parameters, circular=360)
     gui.session.editor.set_sequence_settings(alpha=1.0, order=1, sigma=0.1)
     gui.click("Match all frames")
     gui.wait(lambda s: not s.solver.running)
@@ -270,7 +270,7 @@ def interpolate_between_frames(solved):
 def change_parameters(solved, notes):
     session = solved.session
     solved.click("Match", within="steps")
-    assert session.document.settings == GIVEN
+    assert session.document.settings == SETTINGS
     solved.drag("gamma", 10)
     solved.click("auto alpha")
     assert session.document.settings.alpha is None
@@ -290,7 +290,7 @@ def change_parameters(solved, notes):
     for _ in range(20):
         if session.document.is_outdated:
             solved.key("ctrl+z")
-    assert session.document.settings == GIVEN
+    assert session.document.settings == SETTINGS
 
 
 def click_on_the_plot(solved):
@@ -314,9 +314,10 @@ def draw_tracks(solved):
     solved.check("tracks")
     settled(solved)
     expected = session.document.result.tracks()
-    ways = tracks.paths()
-    assert [(way.kind, way.times[0]) for way in ways] == [(t.kind, t.times[0]) for t in expected]
-    assert {way.kind for way in ways} == {"spiral"}
+    paths = tracks.paths()
+    starts, expected_starts = ([(t.kind, t.times[0]) for t in each] for each in (paths, expected))
+    assert starts == expected_starts
+    assert {path.kind for path in paths} == {"spiral"}
     assert ps.has_surface_mesh("tracks of each spiral")
     [there, *_] = [track.points.positions[1] for track in expected]
     solved.type("time", "1.5")
@@ -336,12 +337,12 @@ def follow_points_and_lines(solved):
     solved.pick(vertex, "advected", modifiers=())
     solved.wait(lambda _: quantities.paths())
     (path,) = quantities.paths()
-    ways = sequence.paths(surface_points(EGG, session.document.points))
+    paths = sequence.paths(surface_points(EGG, session.document.points))
     for time in (1, 3, 4):
         solved.type("time", str(time))
         here = path.at(quantities.path_time)
         # exactly along constant fields, there along a continuous field
-        np.testing.assert_allclose(here, ways[time].positions[0], atol=0.02)
+        np.testing.assert_allclose(here, paths[time].positions[0], atol=0.02)
     assert np.linalg.norm(here - path.at(0.0)) > 0.15
     solved.click("flow line")
     solved.pick(vertex, "advected", modifiers=())

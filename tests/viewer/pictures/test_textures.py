@@ -50,8 +50,8 @@ def test_formats_and_sixteen_bits(tmp_path):
     for form, more in (("JPEG", {"quality": 95}), ("WEBP", {}), ("TGA", {}), ("BMP", {})):
         [found] = read(tmp_path, encoded(smooth, form, **more))[0].images
         assert_allclose(found[..., :3], np.asarray(smooth), atol=6)
-    deep = Image.fromarray(np.asarray(smooth)[..., 0].astype(np.uint16) * 257)
-    [found] = read(tmp_path, encoded(deep))[0].images
+    sixteen_bits = Image.fromarray(np.asarray(smooth)[..., 0].astype(np.uint16) * 257)
+    [found] = read(tmp_path, encoded(sixteen_bits))[0].images
     assert_array_equal(found[..., :3], np.asarray(smooth))
 
 
@@ -116,13 +116,13 @@ def test_limit_applies_to_all_images_together(tmp_path, monkeypatch):
 def test_transferred_texture_is_read_again(tmp_path, name):
     texture, mode = read(tmp_path, encoded(RGBA))
     assert mode == "OPAQUE"
-    carried = transfer_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)
-    write_texture(tmp_path / name, carried, "BLEND")
+    transferred = transfer_texture(Correspondence.of_same_faces(MESH, MESH), texture, 300)
+    write_texture(tmp_path / name, transferred, "BLEND")
     again, mode = read_texture(tmp_path / name, load_mesh(tmp_path / name))
     assert mode == "BLEND"
-    assert_array_equal(again.images[0], carried.images[0])
+    assert_array_equal(again.images[0], transferred.images[0])
     points = points_by_area(MESH, 500)
-    assert_allclose(again.at(points), carried.at(points), atol=1e-2)
+    assert_allclose(again.at(points), transferred.at(points), atol=1e-2)
     opaque = np.dstack([PIXELS[..., :3], np.full((6, 9), 255, np.uint8)])
     write_texture(tmp_path / "a.obj", Texture(MESH, PLACES, [opaque]))
     with Image.open(tmp_path / "a.png") as written:

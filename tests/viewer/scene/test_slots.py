@@ -30,7 +30,7 @@ WINDOW = (1280, 800)
 in_slot = st.tuples(st.floats(310, 590), st.floats(30, 490))
 
 
-def made(count, rect, shape=(1.0, 1.0), layout="automatic", name_height=20.0):
+def slots_of(count, rect, shape=(1.0, 1.0), layout="automatic", name_height=20.0):
     return slots("abcdef"[:count], rect, shape, layout, name_height)
 
 
@@ -43,7 +43,7 @@ def made(count, rect, shape=(1.0, 1.0), layout="automatic", name_height=20.0):
 )
 def test_slots_have_one_size_and_do_not_overlap(count, width, height, shape, layout):
     rect = (10.0, 30.0, 10 + width, 30 + height)
-    found = list(made(count, rect, shape, layout).values())
+    found = list(slots_of(count, rect, shape, layout).values())
     whole = np.array([(*slot.name[:2], *slot.rect[2:]) for slot in found])  # including their names
     assert (whole[:, :2] >= np.array(rect[:2]) - 1e-6).all()
     assert (whole[:, 2:] <= np.array(rect[2:]) + 1e-6).all()
@@ -58,7 +58,7 @@ def test_slots_have_one_size_and_do_not_overlap(count, width, height, shape, lay
 
 def test_low_slot_has_its_name_at_the_left():
     low, high = (
-        made(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900)
+        slots_of(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900)
     )
     for slot in low.values():
         assert slot.rect[1] == slot.name[1]
@@ -80,11 +80,11 @@ def test_low_slot_has_its_name_at_the_left():
     ],
 )
 def test_six_surfaces_are_in_rows_by_shape_or_layout(size, layout, columns):
-    found = made(6, (0, 0, *size), layout=layout).values()
+    found = slots_of(6, (0, 0, *size), layout=layout).values()
     assert len({slot.rect[0] for slot in found}) == columns
     filled = [(slot.rect[2] - slot.name[0]) * (slot.rect[3] - slot.name[1]) for slot in found]
     assert sum(filled) == pytest.approx(size[0] * size[1])
-    five = made(5, (0, 0, 900, 600)).values()  # the middle of a shorter last row
+    five = slots_of(5, (0, 0, 900, 600)).values()  # the middle of a shorter last row
     assert [slot.rect[0] for slot in five] == pytest.approx([0, 300, 600, 150, 450])
 
 
@@ -93,7 +93,7 @@ def test_six_surfaces_are_in_rows_by_shape_or_layout(size, layout, columns):
 @pytest.mark.parametrize("size", [(620, 480), (900, 600), (1780, 1260), (500, 900)])
 def test_automatic_layout_makes_surfaces_large(shape, count, size):
     automatic, row, column = (
-        fitting(made(count, (0, 0, *size), shape, layout)["a"].half, shape)
+        fitting(slots_of(count, (0, 0, *size), shape, layout)["a"].half, shape)
         for layout in ("automatic", "row", "column")
     )
     assert automatic > 0.8 * max(row, column)
@@ -153,9 +153,9 @@ def test_matrix_agrees_with_projection():
 
 @pytest.mark.parametrize("zoom", [1.0, 2.5])
 def test_transferred_view_is_relative_to_the_front(zoom):
-    lies = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
-    others = 30 * POINTS @ lies.T + np.array([5.0, 1.0, -2.0])
-    front = Front(triple(lies[:, 2]), triple(lies[:, 1]))
+    axes = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    others = 30 * POINTS @ axes.T + np.array([5.0, 1.0, -2.0])
+    front = Front(triple(axes[:, 2]), triple(axes[:, 1]))
     seen = view(zoom, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     other = seen.transferred(FRONT, Fit(others, front), front)
     places = seen.projected("source", POINTS), other.projected("source", others)

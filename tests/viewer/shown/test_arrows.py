@@ -43,9 +43,9 @@ def tilted(angle):
 def test_arrow_length_is_proportional_to_speed():
     arrows = arrows_of(BALL, rotation(BALL), STYLE)
     feet, middles, tips = np.moveaxis(arrows.spines, 1, 0)
-    wanted = np.cross([0, 0, 1.0], BALL.length_scale * middles)
-    speed, along = np.linalg.norm(wanted, axis=1), tips - feet
-    cosines = (along * wanted).sum(axis=1) / np.linalg.norm(along, axis=1) / speed
+    expected = np.cross([0, 0, 1.0], BALL.length_scale * middles)
+    speed, along = np.linalg.norm(expected, axis=1), tips - feet
+    cosines = (along * expected).sum(axis=1) / np.linalg.norm(along, axis=1) / speed
     assert cosines.min() > 0.99
     np.testing.assert_allclose(
         np.linalg.norm(feet - middles, axis=1), lengths(arrows) / 2, rtol=0.1
@@ -167,8 +167,8 @@ def test_arrows_are_complete_or_absent_at_outlines(tilt):
     places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
     assert are_hidden(places, normals, eye.axes).mean() < 0.002
     # and omitted arrows would be cut, or are near an outline
-    left_out = ~is_there & (arrows.facing(eye) > 0.35)
-    places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
+    omitted = ~is_there & (arrows.facing(eye) > 0.35)
+    places, normals = (x[omitted] for x in (arrows.vertices, arrows.normals))
     assert len(places) > 3
     covered = are_hidden(places.reshape(-1, 3), normals.reshape(-1, 3), eye.axes)
     assert covered.reshape(len(places), -1).any(axis=1).mean() > 0.9

@@ -256,19 +256,19 @@ def test_earlier_field_is_shown_again_at_once(session, shown, held):
     )
     session.editor.set_view("arrows", arrows=True)
     until(lambda: shown.quantities.field() is not None, session)
-    whole = shown.quantities.field()
-    assert np.array_equal(whole.velocity, session.result.velocity[0])
+    field = shown.quantities.field()
+    assert np.array_equal(field.velocity, session.result.velocity[0])
     session.editor.set_view("part", part="commuting")
     until(lambda: shown.quantities.field() is not None and begun.is_set(), session)
     session.editor.set_view("part", part="whole")
-    assert shown.quantities.field() is whole
+    assert shown.quantities.field() is field
     may_end.set()
     until(lambda: not shown.quantities._field.is_running, session)
-    assert shown.quantities.field() is whole
+    assert shown.quantities.field() is field
     assert shown.busy == ""
     session.editor.set_view("part", part="commuting")
-    until(lambda: shown.quantities.field() is not whole, session)
-    assert not np.array_equal(shown.quantities.field().velocity, whole.velocity)
+    until(lambda: shown.quantities.field() is not field, session)
+    assert not np.array_equal(shown.quantities.field().velocity, field.velocity)
 
 
 def test_unit_of_speed_of_a_sequence():

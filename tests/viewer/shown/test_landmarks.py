@@ -31,13 +31,13 @@ def test_landmarks_behind_a_ring_are_hidden():
     assert_array_equal(are_hidden(RING, places, normals, FROM_Z), normals[:, 2] <= 0)
     hidden = are_hidden(RING, places, normals, FROM_X)
     x, y, _ = places.T
-    looks_here = normals[:, 0] > 0.05
+    faces_viewer = normals[:, 0] > 0.05
     inner = np.hypot(x, y) < np.hypot(*RING.vertices[:, :2].T).mean()
     assert hidden[normals[:, 0] <= 0].all()
     # the inner side of the far half faces the viewer, behind the near half
-    behind = looks_here & inner & (x < -0.3) & (np.abs(y) < 0.3)
+    behind = faces_viewer & inner & (x < -0.3) & (np.abs(y) < 0.3)
     assert behind.sum() > 10
     assert hidden[behind].all()
-    before = looks_here & ~inner & (x > 0.3)
+    before = faces_viewer & ~inner & (x > 0.3)
     assert before.sum() > 100
     assert not hidden[before].any()

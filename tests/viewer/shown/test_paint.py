@@ -151,13 +151,13 @@ def test_transport_shows_earlier_time_meanwhile(session, held, shown, painter):
     show(session, transport=True)
     session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)
-    _, go_on = held(baselines, "optimal_transport")
+    _, may_end = held(baselines, "optimal_transport")
     session.editor.amend(time=0.5 * session.parameters.tau)
     meanwhile = painter.paint("optimal transport")
     assert meanwhile.values is before.values
     assert meanwhile.title == "optimal transport: computing"
     assert shown.mass_transport.busy
-    go_on.set()
+    may_end.set()
     assert abs(settled_transport(shown, painter).values - before.values).max() > 0.1
 
 
@@ -165,9 +165,9 @@ def test_transport_of_negative_functions_has_a_note(session, shown, painter):
     """There is a note, or no transport."""
     show(session, transport=True)
     set_source(session, "eigenfunction:2")
-    bare = settled_transport(shown, painter)
-    assert bare.title == "optimal transport: no values"
-    assert np.ptp(bare.values) == 0
+    paint = settled_transport(shown, painter)
+    assert paint.title == "optimal transport: no values"
+    assert np.ptp(paint.values) == 0
     check_message(shown.mass_transport.error, "f")
     assert painter.paint("linear blend") is not None
     session.undo()
@@ -203,10 +203,10 @@ def test_side_without_values_is_grey(session, painter):
     target = painter.paint("target").values
     session.editor.set_spec("source", "eigenfunction:100000")
     until(lambda: session.work.error("source"), session)
-    bare = painter.paint("source")
-    assert bare.title == "source: no values"
-    assert bare.colors is None
-    assert np.ptp(bare.values) == 0
+    paint = painter.paint("source")
+    assert paint.title == "source: no values"
+    assert paint.colors is None
+    assert np.ptp(paint.values) == 0
     assert painter.paint("target") is None  # stays, because no range is known
     session.undo()
     ready(session)

@@ -108,17 +108,17 @@ def test_old_flow_is_shown_until_the_new_one_is_ready(match, state, source, at_s
 
 
 def test_field_is_read_when_first_needed():
-    asked, x = [], SPHERE.vertices[:, 0]
+    calls, x = [], SPHERE.vertices[:, 0]
 
     def velocity():
-        asked.append(1)
+        calls.append(1)
         return np.zeros((1, len(SPHERE.faces), 3))
 
     flow = FlowState(SPHERE, velocity, QUICK)
-    assert asked == []
+    assert calls == []
     np.testing.assert_allclose(flow.advect(x, np.array([1.0]))[0], x)
     assert flow.velocity is flow.velocity
-    assert asked == [1]
+    assert calls == [1]
 
 
 def settle(shown, of_flow=lambda flow: flow.advected()):
@@ -261,14 +261,14 @@ def test_field_of_a_finer_mesh_advects_on_it(match, source):
 def test_distortion_is_exact_at_a_settled_time(session, shown, monkeypatch):
     quantities = shown.quantities
 
-    def stands():
+    def is_settled():
         settled = shown.flow.settled
         quantities.distortion()  # requested after the time is settled
         return settled and not quantities.busy
 
     for time in (0.7, 0.4):
         session.set_time(time)
-        until(stands, session)
+        until(is_settled, session)
         expected = session.result.flow.map_quality(time)
         np.testing.assert_array_equal(quantities.distortion().area, expected.distortion.area)
         assert quantities.map_quality().round_trip == expected.round_trip

@@ -140,9 +140,9 @@ def opened(mesh, folder):
 
 def test_real_window_saves_a_movie(tmp_path):
     for program in ("Xvfb", "xdotool"):
-        way = "./run test installs it, or apt-get install xvfb xdotool"
-        assert shutil.which(program), f"{program} is missing; {way}"
-    film, log = tmp_path / "a film.mp4", tmp_path / "log.txt"
+        advice = "./run test installs it, or apt-get install xvfb xdotool"
+        assert shutil.which(program), f"{program} is missing; {advice}"
+    movie_path, log = tmp_path / "a movie_path.mp4", tmp_path / "log.txt"
     with opened(asset_path("eight.off"), tmp_path) as window:
         window.click("Match", "button")  # the button, not the tab
         for label in ("File", "Export movie..."):
@@ -153,15 +153,15 @@ def test_real_window_saves_a_movie(tmp_path):
             window.type(label, str(number), within="Export")
         window.click("Save movie...")
         window.type("folder", str(tmp_path))
-        window.type("file name", film.name, enter=False)
+        window.type("file name", movie_path.name, enter=False)
         window.click("Save")
-        window.until(film.exists, "saves no movie", 120)
+        window.until(movie_path.exists, "saves no movie", 120)
         window.key("ctrl", "q")
         window.click("Don't save")
         window.app.wait(30)
     assert window.app.returncode == 0, log.read_text()
     assert log.read_text() == ""
-    with av.open(film) as movie:
+    with av.open(movie_path) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) == 3
     assert frames[0].shape == (320, 480, 3)

@@ -57,17 +57,17 @@ def test_copy_of_a_run_opens_after_another_step(desk, copies):
 
 
 def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
-    session, asked = desk.session, []
+    session, snapshots = desk.session, []
 
     def unfinished(*snapshot):
-        asked.append(snapshot)
+        snapshots.append(snapshot)
         raise AbfmError("the process that matches has ended; match again")
 
     monkeypatch.setattr(session.matching, "unfinished", unfinished)
     session.editor.amend(parameters=ENDLESS)
     session.match()
     # the first copy was written, or its problem reported
-    until(lambda: copies() is not None and len(asked) > 1, session)
+    until(lambda: copies() is not None and len(snapshots) > 1, session)
     assert session.notices.cards == ()
     assert copies()
 

@@ -219,11 +219,11 @@ def test_damaged_copy_is_reported_once(state, launched):
 
 def draw_half_of_the_time(gui, monkeypatch):
     """Check that the window sleeps as long as it draws while functions are pending."""
-    for bare, rest in ((None, 0.002), (0.0, 0.07)):
+    for waiting_since, rest in ((None, 0.002), (0.0, 0.07)):
         now, slept = [100.0], []
 
-        def draw(bare=bare, now=now):
-            gui.session.functions.waiting_since = bare
+        def draw(waiting_since=waiting_since, now=now):
+            gui.session.functions.waiting_since = waiting_since
             now[0] += 0.07
 
         clock = SimpleNamespace(perf_counter=lambda now=now: now[0], sleep=slept.append)
@@ -266,10 +266,10 @@ def test_window_opens_before_the_solver_is_loaded(tmp_path):
 def test_bad_arguments_exit_with_status_2(words, named, capsys):
     """The message is one line."""
     assert app.main(words) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("abfm-viewer: ")
-    assert told.count("\n") == 1
-    check_message(told, named)
+    message = capsys.readouterr().err
+    assert message.startswith("abfm-viewer: ")
+    assert message.count("\n") == 1
+    check_message(message, named)
 
 
 def test_window_has_its_own_sizes(launched):
@@ -329,23 +329,23 @@ sys.exit(status)
 """
 
 
-@pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
-def test_program_ends_after_cleanup(words, said):
+@pytest.mark.parametrize(("words", "name"), [("", "a.off"), ("['b.off']", "b.off")])
+def test_program_ends_after_cleanup(words, name):
     """A caller of `main` continues."""
     done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
-    assert done.stdout.splitlines() == [f"closed ['{said}']", "tidied up", *lives_on]
+    assert done.stdout.splitlines() == [f"closed ['{name}']", "tidied up", *lives_on]
 
 
-_SAY = """
+_COUNT_COMPILED = """
 from abfm_viewer.window import warm_up
 warm_up.start().join()
 from abfm.flow import exponential
 from abfm.mesh import coarsening
 from abfm.numerics import optimizer
 from abfm.streaks import line_integral
-import sys  # the room has a function of this name
+import sys  # the package has a function of this name
 texture_atlas = sys.modules["abfm.streaks.texture_atlas"]
 for module in (exponential, coarsening, optimizer, line_integral, texture_atlas):
     own = [v for v in vars(module).values() if getattr(v, "__module__", "") == module.__name__]
@@ -355,7 +355,7 @@ for module in (exponential, coarsening, optimizer, line_integral, texture_atlas)
 
 def test_kernels_are_compiled_before_the_first_match():
     """In a separate process, in which nothing else has compiled them."""
-    done = python(_SAY, check=True)
+    done = python(_COUNT_COMPILED, check=True)
     compiled = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
     assert len(compiled) == 5
     assert min(compiled.values()) > 0, compiled
