@@ -211,7 +211,7 @@ def test_missing_opengl_is_one_line(tmp_path):
 @pytest.mark.parametrize(
     ("environment", "words"),
     [
-        (os.environ | {"NUMBA_NUM_THREADS": "0"}, "abfm-viewer: numba does not take"),
+        (os.environ | {"NUMBA_NUM_THREADS": "0"}, "abfm-viewer: numba"),
         (NO_SCREEN, "abfm-viewer: there is no screen"),
     ],
 )

@@ -215,10 +215,10 @@ class Monkey(ExitStack):
     def _undo_to(self, start):
         session, editor = self.gui.session, self.gui.session.editor
         while label := editor.undo_label:
-            moves = editor.moves
+            actions = editor.action_count
             session.undo()
             self.gui.frames(1)
-            if editor.moves == moves:
+            if editor.action_count == actions:
                 self._fault(f"undo of {label!r} did nothing: {session.notices.latest.text}")
                 return
         if differing := differences(start, session.document):

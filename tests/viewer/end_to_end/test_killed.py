@@ -33,7 +33,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     gui.click("Match")
     gui.wait(lambda session: session.matching.snapshot is not None)
     gui.wait(lambda session: session.matching.snapshot.iteration.iteration > 3)
-    (state / "matching").touch()  # copies from now on hold a field that moves something
+    (state / "matching").touch()  # later copies have a field that is not zero
     while True:
         gui.window.frame()
 """
@@ -42,7 +42,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.kinds import FilmDocument
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.window.wave import turning_wave
 mesh, state = map(Path, sys.argv[1:])
 with Driver(mesh, size=(640, 480), state=state) as gui:
@@ -50,7 +50,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     frames = turning_wave(places / np.linalg.norm(places, axis=1)[:, None], 0.005 * np.arange(240))
     np.save(mesh.with_name("wave.npy"), frames[0])
     gui.window.files.open(mesh.with_name("wave.npy"))
-    gui.wait(lambda session: isinstance(session.document, FilmDocument))
+    gui.wait(lambda session: isinstance(session.document, SequenceDocument))
     gui.click("Match all frames")
     while True:
         gui.window.frame()

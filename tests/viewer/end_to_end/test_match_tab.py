@@ -267,7 +267,7 @@ def export_and_hover(plotted, tmp_path, monkeypatch):
     assert f"{total:.4g}" in shown[-1]
     assert f"{mismatch:.4g}" in shown[-1]
     [run] = plotted.session.document.runs
-    terms = {"words": ("closeness", "landmarks"), "shares": run.energies[:, 1:]}
+    terms = {"term_names": ("closeness", "landmarks"), "shares": run.energies[:, 1:]}
     plotted.session.editor.change("two terms", runs=(replace(run, **terms),))
     plotted.hover("energy plot")
     assert f"closeness {run.energies[at, 1]:.4g}\nlandmarks {mismatch:.4g}" in shown[-1]

@@ -103,7 +103,7 @@ def choose_the_initial_map(gui, files, notes):
     session, ball = gui.session, files["ball"]
     assert gui.text_of("initial map") == "automatic"
     gui.choose("initial map", "spheres")
-    gui.wait(lambda s: "no sphere" in s.obstacle)
+    gui.wait(lambda s: "not a sphere" in s.obstacle)
     assert any("No initial map" in text for text, kind in notes() if kind == "failure")
     assert not gui.is_enabled("Match")
     gui.wait(lambda _: gui.window.scene.paints["advected"].title == "advected: no values")
