@@ -389,8 +389,7 @@ def write_all_files(solved, tmp_path):
     assert not document.is_outdated
     solved.click("Export", within="steps")
     session.editor.set_sequence_settings(gamma=2.0)
-    text = "Not saved of the sequence wave.npy on mesh: changed parameters."
-    assert unsaved_work(session) == text
+    check_message(unsaved_work(session), "wave.npy", "parameters")
     session.undo()
     assert not session.saves.unsaved
     exported(solved, "Save sequence...", tmp_path / "sequence.npz")

@@ -84,8 +84,8 @@ def drop_both(gui, files):
     gui.window._dropped([str(files["ball"]), str(files["egg"])])
     gui.wait(lambda s: s.document.identity is not before and isinstance(s.document, PairDocument))
     gui.wait(lambda s: s.document.name == "ball.off to egg.off" and not s.obstacle)
-    said = [entry.text for entry in session.notices.log]
-    check_message(next(text for text in said if "surface B" in text), "egg.off", "ball.off")
+    notes = [entry.text for entry in session.notices.log]
+    check_message(next(text for text in notes if "is B" in text), "egg.off", "ball.off")
     gui.window._dropped([str(files["ball"]), str(files["egg"].with_name("none.off"))])
     gui.wait(lambda s: s.notices.latest.is_error)
     assert "none.off" in session.notices.latest.text
