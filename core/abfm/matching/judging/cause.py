@@ -72,9 +72,9 @@ SENTENCES: dict[Cause, str] = {
         "the complete map from A to B has a residual of {residual}, more than the flow on B"
     ),
     Cause.CHECKS_DISAGREE: (
-        "the residual along flow lines is {verified:.2g}, so the discrete flow is inaccurate here"
+        "flow lines do not confirm the match, so the discrete flow is inaccurate here"
     ),
-    Cause.LESS_CONFIRMED: "the residual along flow lines is larger than that of the discrete flow",
+    Cause.LESS_CONFIRMED: "flow lines confirm less of the match than the discrete flow",
     Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
     Cause.SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
     Cause.STOOD_STILL: "the source hardly moved, as smoothness outweighs the match at this sigma",

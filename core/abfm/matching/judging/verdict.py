@@ -234,14 +234,14 @@ class _Case:
 
     def unconfirmed(self) -> Verdict | None:
         """Decide small residuals of the discrete flow that flow lines do not confirm."""
-        verified, folded = self.evidence.verified, self.evidence.folded
+        folded = self.evidence.folded
         if self.residual > RESIDUAL_NEARLY:
             return None
         if self.outcome is Outcome.NOT_REACHED:
             if self.different_features:
                 return self._of_obstacle()
             cause, more_consistent = Cause.CHECKS_DISAGREE, self._more_consistent()
-            return self._verdict(Outcome.NOT_REACHED, cause, *more_consistent, verified=verified)
+            return self._verdict(Outcome.NOT_REACHED, cause, *more_consistent)
         if folded > FOLDED_SHARE_MAX and not self.is_verified:
             return self._verdict(
                 Outcome.NOT_REACHED, Cause.FOLDED, *self._more_consistent(), folded=share(folded)
