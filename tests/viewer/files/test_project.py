@@ -375,8 +375,8 @@ def put_in(number, place, new, *texts):
 def error_line(path):
     """Return the error message for a file that is refused."""
     message = refusal(load_project, path)
-    advice = ("take another copy", "upgrade abfm", "solve again", "rename it", "check the path")
-    assert any(words in message for words in advice)
+    advice = ("use another copy", "upgrade abfm", "solve again", "rename it", "check the path")
+    assert any(words in message.lower() for words in advice)
     return message
 
 
