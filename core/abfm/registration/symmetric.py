@@ -179,8 +179,8 @@ class SymmetricTask(Task):
     details: ClassVar = RegistrationTask.details
     main_options: ClassVar = RegistrationTask.main_options
     output_help: ClassVar = (
-        "symmetric registration (.npz); faces of A on B (.gii, .ply); the vertex of A for each "
-        "vertex of B (.txt, .csv, .npy); or interactive page (.html)"
+        "symmetric registration (.npz); faces of A on B (.gii, .ply); vertices of A for those of "
+        "B (.txt, .csv, .npy); or page (.html)"
     )
     needs: ClassVar = RegistrationTask.needs
     inputs: ClassVar = RegistrationTask.inputs

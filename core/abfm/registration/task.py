@@ -137,8 +137,8 @@ Examples:
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
 {SPEC_HELP}
-The exit status is 0 if the functions match, 3 if the target was not reached or the initial map may
-be wrong, 2 for bad input.
+The exit status is 0 if the functions match, and 2 for bad input. It is 3 if the target was not
+reached, or if the initial map may be wrong.
 """
 _DETAILS = f"""\
 {FUNCTIONS_HELP}
@@ -193,8 +193,8 @@ class RegistrationTask(Task):
     description: ClassVar = _DESCRIPTION
     details: ClassVar = _DETAILS
     output_help: ClassVar = (
-        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); vertex of A for "
-        "each vertex of B (.txt, .csv, .npy); or interactive page (.html)"
+        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); vertices of A "
+        "for those of B (.txt, .csv, .npy); or page (.html)"
     )
     needs: ClassVar = ("a", "b")
     inputs: ClassVar = (

@@ -125,7 +125,7 @@ def align(
         # A is scaled to unit area, and B also if the motion has a scale
         sizes = a.length_scale, a.length_scale if kind == "rigid" else b.length_scale
         many = _Surfaces.of(a, b, kind, sizes, landmarks)
-        if landmarks is not None and _fix_a_motion(landmarks):
+        if landmarks is not None and _determine_a_motion(landmarks):
             starts = [best_motion(*many.landmarks, kind)]
         else:
             starts = _starts(a, b, kind, sizes)
@@ -298,7 +298,7 @@ def _starts(
     return [(rotation, 1.0, middle_a - rotation @ middle_b) for rotation in rotations]
 
 
-def _fix_a_motion(landmarks: Landmarks) -> bool:
+def _determine_a_motion(landmarks: Landmarks) -> bool:
     """Return whether the landmarks determine a motion: three or more, not on a line."""
     for points in (landmarks.a, landmarks.b):
         offsets = points.positions - points.positions.mean(axis=0)

@@ -72,7 +72,7 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
     return C
 
 
-def bending(mesh: TriangleMesh, k: int) -> FloatArray:
+def curvature_coefficients(mesh: TriangleMesh, k: int) -> FloatArray:
     """Return coefficients (k,) of the mean curvature of the surface scaled to unit area.
 
     The curvature is clipped at creases. It is 0 if every vertex is on the boundary.

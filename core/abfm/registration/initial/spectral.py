@@ -26,7 +26,7 @@ from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import points_by_area, project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial.descriptors import Hints, bending, map_of_descriptors
+from abfm.registration.initial.descriptors import Hints, curvature_coefficients, map_of_descriptors
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.sign_search import candidates
 from abfm.registration.initial.spectra import Spectra
@@ -97,7 +97,10 @@ class SpectralSearch:
             starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
             found = candidates(few, starts, _REFINED_CANDIDATES)
             done(0.7)
-            curvatures = bending(coarse_a, size), bending(coarse_b, size)
+            curvatures = (
+                curvature_coefficients(coarse_a, size),
+                curvature_coefficients(coarse_b, size),
+            )
             criteria = self._criteria = _Criteria(spectra.thinned(2), hints, places, curvatures)
             self.maps = [
                 criteria.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found
