@@ -6,7 +6,7 @@ such a map from B to A, A is embedded in the sphere, and B is unfolded on the sa
 the given map. Finally the image of B on A is moved to reduce its distortion. No step flips a face
 of B.
 
-It was measured on 24 pairs of SHREC'19 people with 5,000 to 7,000 vertices. Maps by 128
+The method was measured on 24 pairs of SHREC'19 people with 5,000 to 7,000 vertices. Maps by 128
 eigenfunctions flip 6% of the faces and collapse 38%. The results flip no face and collapse 0.03%.
 The mean geodesic error is 0.0252 sqrt(area) instead of 0.0260. It does not increase for 15 of the
 pairs.

@@ -193,7 +193,7 @@ class RegistrationTask(Task):
     description: ClassVar = _DESCRIPTION
     details: ClassVar = _DETAILS
     output_help: ClassVar = (
-        "registration (.npz); faces of A on B, such as a sphere.reg (.gii, .ply); vertices of A "
+        "registration (.npz); faces of A on B, such as sphere.reg (.gii, .ply); vertices of A "
         "for those of B (.txt, .csv, .npy); or page (.html)"
     )
     needs: ClassVar = ("a", "b")

@@ -123,7 +123,7 @@ def rotation_by_functions(
 
 
 def _identity_preferred(level: _Level, best: list[Rotation]) -> list[Rotation]:
-    """Insert the identity before the best rotations if it is about as good and not among them."""
+    """Put the identity first if it is about as good as the best rotation, and far from it."""
     here = Rotation.identity()
     if best[0].magnitude() < _ROTATION_ANGLE_MIN:
         return best
