@@ -80,8 +80,8 @@ class MeshOptions:
         str,
         "L|R",
         "",
-        "use only the left or right hemisphere of a surface with both; L is the one with smaller "
-        "x, or the first in the file if they overlap",
+        "use only one hemisphere of a surface with both; L is the one with smaller x, or the "
+        "first in the file if they overlap",
         None,
     )
     largest_component: bool = _option(

@@ -47,9 +47,9 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
     found = hemispheres(draft)
     if found is None:
         raise MeshError(
-            f"the {name} hemisphere was requested, but the surface does not have two large "
-            "components of similar size, separate in x or in the order of the file. Omit the "
-            "option, or use a file of one hemisphere"
+            f"the surface has no separate {name} hemisphere; expected two large components of "
+            "similar size, separate in x or in the order of the file. Omit the option, or use a "
+            "file of one hemisphere"
         )
     is_left, is_by_file_order = found
     place = f", the {_PLACES[side]} in the file" if is_by_file_order else ""
