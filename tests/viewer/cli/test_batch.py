@@ -73,7 +73,7 @@ def test_summary_has_results_and_reasons(solved):
 def test_page_has_the_worst_first_and_pictures(solved):
     page = page_at(solved / "out" / "summary.html")
     assert page.names == ["lost", "<far>", "same"]
-    assert [*page.pictures] == [f"{name}: source, carried, target" for name in page.names[1:]]
+    assert [*page.pictures] == [f"{name}: source, advected, target" for name in page.names[1:]]
     assert all(link.startswith("data:image/png") for link in page.links)
     for text in ("table.csv", "Not reached", "no picture"):
         assert text in page.text
