@@ -23,8 +23,8 @@ DESCRIPTION = """\
 Check a mesh: print its size, topology, repairs and defects. The exit status is 2 if it has defects
 that the solver cannot handle.
 
-For a result, print its report, such as the verdict of a match, the distortion of a map, the speed of
-a sequence, or the outliers of a population.
+For a result, print its report: verdict, distortion of the map, speed of a sequence, or outliers of
+a population.
 
 Examples:
   abfm info spot.obj
