@@ -6,7 +6,7 @@ from pathlib import Path
 
 MESHES = {
     "human_A.off": "A human, coarse",
-    "human_B.off": "The same human, vertex by vertex, in another pose",
+    "human_B.off": "The same human with the same vertices, in another pose",
     "human_fine_A.off": "The first human with more triangles",
     "eight.off": "Two holes, and fields that go around them",
     "fandisk.off": "A mechanical part with sharp edges",

@@ -22,7 +22,7 @@ COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "Shift+X", "-y": "Shift+Y", "-z": "Shift+Z"}
 """Axes to look from, and their keys."""
 _ESCAPE = (
-    "close the menu, or dismiss a message, or show all surfaces, or cancel the match (Continue "
+    "in this order: close a menu, dismiss a message, show all surfaces, cancel the match (Continue "
     "resumes from the best field)"
 )
 _QUIT = "Save before closing?"
