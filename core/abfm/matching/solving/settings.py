@@ -1,7 +1,7 @@
 """Constants of the continuation, each with its evidence.
 
 Titles in quotation marks are sections of docs/convergence.md. "41 problems" are those of its table
-"What each part is worth". With the values below, both checks confirm all of them.
+"What each part contributes". With the values below, both checks confirm all of them.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 class ContinuationSettings:
     """Constants of the continuation that are not parameters."""
 
-    # residual at which the search has found the target: "A norm that reaches far"
+    # residual at which the search has found the target: "A long-range norm"
     found_residual: float = 0.75
     # alpha of the second variant of measured functions, relative to the parameter. With an earlier
     # selection of sigma, a cortex correlates to 0.923 with this variant and to 0.905 without it
@@ -94,7 +94,7 @@ class ContinuationSettings:
     fold_fall_min: float = 0.2
     fold_iterations: int = 4
 
-    # vertices of evenly spaced faces from which flow lines start: "Flows that hold"
+    # vertices of evenly spaced faces from which flow lines start: "Verification"
     flow_line_vertices_max: int = 20_000
     # faces that are cut into parts to search for folds; larger numbers find no more
     cut_faces_max: int = 64
