@@ -17,7 +17,7 @@ _SLOW_TEST_NAMES = (
     "test_defaults_match",
     "end_to_end/",
     "core/registration/",
-    "test_far_matches",
+    "test_distant_targets",
     "test_attack",
 )
 """Parts of the names of tests that take 10 seconds or more, the longest first."""
