@@ -11,7 +11,8 @@ from pathlib import Path
 _LIST_ITEM = re.compile(r"\s*([-*•]|\d+\.)\s+")
 _CODE_SPAN = re.compile(r"``[^`]*``|`[^`]*`")
 _LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
-_CODE_STARTS = (">>>", "... ", "abfm ", "$ ")
+_CODE_STARTS = (">>>", "... ", "abfm ", "--", "$ ", "import ", "sum_")
+_OPTION = re.compile(r"(?<!\w)--[\w-]+")
 _COLUMNS = re.compile(r"\S {2,}\S")
 _TEMPLATE_CODE = re.compile(
     r"\{%.*?%\}|\{\{.*?\}\}|\{#.*?#\}|<style.*?</style>|<script.*?</script>", re.S
@@ -132,7 +133,8 @@ def _markdown(content: str) -> Iterator[tuple[int, str]]:
 
 
 def _without_code(words: str) -> str:
-    return _LINK.sub(r"\1", _CODE_SPAN.sub("X", words)).replace("**", "")
+    plain = _OPTION.sub("X", _CODE_SPAN.sub("X", words))
+    return _LINK.sub(r"\1", plain).replace("**", "")
 
 
 def _paragraphs(text: str) -> Iterator[tuple[int, str]]:
@@ -146,11 +148,9 @@ def _paragraphs(text: str) -> Iterator[tuple[int, str]]:
         if starts and block and not hanging:
             yield begin, _without_code(" ".join(part.strip() for part in block))
             block = []
-        if (
-            line.strip()
-            and not set(line.strip()) <= set("-=~")
-            and not _COLUMNS.search(line.strip())
-        ):
+        stripped = line.strip()
+        is_prose = not (set(stripped) <= set("-=~") or _COLUMNS.search(stripped))
+        if is_prose and not stripped.startswith(_CODE_STARTS):
             if not block:
                 begin, indent = number, depth
             block.append(line)
