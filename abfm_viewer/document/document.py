@@ -37,7 +37,7 @@ Coloring = Literal[
     "conformal distortion",
 ]
 FieldPart = Literal[
-    "whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"
+    "complete", "curl-free", "divergence-free", "harmonic", "commuting", "advected gradient"
 ]
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
@@ -236,7 +236,7 @@ class View(ViewPreferences):
     links: bool = False  # lines from points of surface A to their images on B
     arrows: bool = False
     # part of the field that is drawn, coloured and traced, or a related field
-    part: FieldPart = "whole"
+    part: FieldPart = "complete"
     tracks: bool = False  # paths of the critical points of a sequence
     streaks: bool = False  # on the advected surface
     fade: bool = False  # fade the streaks where the field is slow

@@ -29,7 +29,7 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
-_OWN_SIZE = "own size"
+_CUSTOM_SIZE = "custom size"
 _LABELS_TIP = "Labels at τ, transferred by the flow (.label.gii, .annot, or a table of keys)."
 _WIDTH_RANGE = Range(320, 7680, whole=True)
 _HEIGHT_RANGE = Range(240, 4320, whole=True)
@@ -154,8 +154,8 @@ def _draw_labels(context: Context) -> None:
             context.exporter.save_labels(path, labels, found)
 
     is_there = session.document.result is not None
-    if context.ui.button("Save carried labels...", _tip(context, _LABELS_TIP), enabled=is_there):
-        context.dialogs.save("Save carried labels", LABELS, "carried.label.gii", save)
+    if context.ui.button("Save transferred labels...", _tip(context, _LABELS_TIP), enabled=is_there):
+        context.dialogs.save("Save transferred labels", LABELS, "transferred.label.gii", save)
 
 
 def draw_state(context: Context) -> None:
@@ -175,8 +175,8 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
     picture = exporter.picture
     sizes = {"window": exporter.window_size, **_SIZES}
     names = {size: name for name, size in sizes.items()}
-    now = names.get((picture.width, picture.height), _OWN_SIZE)
-    choices = [*sizes, _OWN_SIZE] if now == _OWN_SIZE else list(sizes)
+    now = names.get((picture.width, picture.height), _CUSTOM_SIZE)
+    choices = [*sizes, _CUSTOM_SIZE] if now == _CUSTOM_SIZE else list(sizes)
     chosen = ui.combo("size", now, choices, "Size of pictures and movies.")
     width, height = (picture.width, picture.height) if chosen == now else sizes[chosen]
     tip = "Width in pixels, 320 to 8192."

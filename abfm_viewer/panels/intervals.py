@@ -20,7 +20,7 @@ _EMPTY_NOTE = (
     "residuals of the discrete flow and along flow lines."
 )
 _VIEWS = {
-    "what is left": "Residual of each interval, by the discrete flow and along flow lines.",
+    "residual": "Residual of each interval, by the discrete flow and along flow lines.",
     "speed": "Root mean square speed in the mesh's unit per second, or per frame without times. "
     "Shaded: slow (stable) or fast (transient).",
 }

@@ -22,7 +22,7 @@ from abfm_viewer.widgets.containers import section
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui
 from abfm_viewer.widgets.widget_record import Range
 
-_OWN_VALUES = "own values"
+_CUSTOM_VALUES = "custom values"
 _DEFAULTS = "defaults"
 _DEFAULT_PARAMETERS = Parameters()
 
@@ -55,7 +55,7 @@ _PARAMETER_TEXTS = {
     "levels": _About("mesh levels", "", Range(0, 5)),
     "order": _About("norm's order", "only 1", Range(1, 2)),
     "method": _About("method", "Eqs. 4 and 5, section 5"),
-    "segments": _About("fields in a row", "Eq. 6, section 5", Range(0, 40)),
+    "segments": _About("consecutive fields", "Eq. 6, section 5", Range(0, 40)),
     "gradient": _About("gradient", "Eqs. 7 and 9"),
     "substeps": _About("sub-steps n", "section 7", Range(1, 200, log=True)),
     "quadrature": _About("intervals k", "Eq. 9", Range(1, 50)),
@@ -147,10 +147,10 @@ def draw(context: Context) -> None:
 def _preset(ui: Ui, session: Session) -> None:
     now = row_of(session.parameters)
     shown = (
-        now.name if now else _DEFAULTS if session.parameters == _DEFAULT_PARAMETERS else _OWN_VALUES
+        now.name if now else _DEFAULTS if session.parameters == _DEFAULT_PARAMETERS else _CUSTOM_VALUES
     )
     rows = {row.name: row for row in TABLE_1.values()}
-    tips = {_OWN_VALUES: ""} if shown == _OWN_VALUES else {}
+    tips = {_CUSTOM_VALUES: ""} if shown == _CUSTOM_VALUES else {}
     tips[_DEFAULTS] = "Recommended for most meshes and functions."
     tips |= {name: row.about for name, row in rows.items()}
     about = "Set all parameters: to the defaults, or to a row of the paper's Table 1."

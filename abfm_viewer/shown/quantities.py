@@ -47,7 +47,7 @@ class Field:
     shares: dict[FieldPart, float] = field(default_factory=dict)  # of the squared norm
     unit: str = "the mesh's length per time"  # of the speed
     interval_field: FloatArray | None = None  # field of the interval of a sequence
-    part: FieldPart = "whole"
+    part: FieldPart = "complete"
     note: str = ""  # for the user
     dimension: int = 1  # power of the length in the unit
     fast: float = 0.0  # speed of the longest arrows; 0 for `fast_speed` of this field alone
@@ -67,13 +67,13 @@ class Field:
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
     """Return a part of the field of a segment, or the field that commutes with it."""
     velocity, shares, note, fast = flow.velocity[segment], {}, "", 0.0
-    if part == "whole" and len(flow.velocity) > 1:
+    if part == "complete" and len(flow.velocity) > 1:
         speeds = np.linalg.norm(flow.velocity, axis=2)
         fast = max(abfm.calculus.fast_speed(flow.mesh, speed) for speed in speeds)
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket, relative to both fields: {bracket:.3g} (0 if they commute)"
-    elif part != "whole":
+    elif part != "complete":
         found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
         parts = dict(zip(HODGE_PARTS, found, strict=True))
         areas = abfm.calculus.face_areas(flow.mesh)
@@ -233,7 +233,7 @@ class FieldQuantities(Jobs):
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part
         if flow is None:
             return None
-        if part == "carried gradient":
+        if part == "advected gradient":
             source = self._session.work.flow_values("source")
             if source is None:
                 return None

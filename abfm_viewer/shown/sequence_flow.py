@@ -107,7 +107,7 @@ class SequenceQuantities(FieldQuantities):
     @property
     def _is_of_interval(self) -> bool:
         """Whether the shown field is that of an interval, or a part of it."""
-        return self._session.view.part in ("whole", *HODGE_PARTS)
+        return self._session.view.part in ("complete", *HODGE_PARTS)
 
     def _determined_shares(self) -> FloatArray | None:
         document = _sequence_document(self._session)

@@ -193,9 +193,9 @@ def set_presets_and_a_mask(gui):
     assert [label for label in tips if label != "defaults"] == [row.name for row in rows]
     assert all(TITLES[row.figure] in tips[row.name] for row in rows)
     gui.type("alpha", "12")
-    assert gui.text_of("preset") == "own values"
+    assert gui.text_of("preset") == "custom values"
     own = gui.session.parameters
-    gui.choose("preset", "own values")
+    gui.choose("preset", "custom values")
     assert gui.session.parameters == own
     gui.click("Reset to defaults", within="Match")
     assert gui.session.parameters == Parameters()

@@ -137,7 +137,7 @@ def sort_and_search(opened, monkeypatch):
     lines = drawn_texts(opened, monkeypatch, "line")
     tables = opened.window.files.tables
     for head, name in (
-        ("left", "residual"),
+        ("residual", "residual"),
         ("by flow lines", "verified_residual"),
         ("|log2 J|", "log2_area"),
     ):

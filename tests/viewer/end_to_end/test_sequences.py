@@ -304,7 +304,7 @@ def click_on_the_plot(solved):
     assert session.document.time == 0.5
     speeds = session.sequence_match.speeds(session.document)
     np.testing.assert_allclose(speeds, session.document.result.speed)
-    solved.click("what is left")
+    solved.click("residual")
     assert not session.view.speeds
 
 

@@ -269,7 +269,7 @@ def show_and_transfer_labels(gui, tmp_path):
     # by the nearest vertex, not by the vertex with the largest weight; they may differ near borders
     gui.wait(lambda _: are_shown())
     gui.click("Export")
-    gui.click("Save carried labels...")
+    gui.click("Save transferred labels...")
     gui.type("file name", "carried.label.gii")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
     found = read_labels(tmp_path / "carried.label.gii")

@@ -16,7 +16,7 @@ _OPENING = (
     *("Open labels", "Open frames", "Open a batch or population"),
 )
 DYNAMIC = ("File/Recent", *_OPENING)
-_SAVING = ("Save a ", "Save the ", "Save landmarks", "Save carried", "Export the ")
+_SAVING = ("Save a ", "Save the ", "Save landmarks", "Save transferred", "Export the ")
 _OUTPUT = "widgets"
 
 

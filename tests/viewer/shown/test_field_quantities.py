@@ -212,7 +212,7 @@ def test_gradient_is_pushed_to_the_shown_time(session, shown):
     start, tau = gradient_of(SPHERE, session.values("source")), session.parameters.tau
     for time in (0.0, 0.5 * tau, tau):
         session.set_time(time)
-        found = shown_field(shown, "carried gradient").velocity
+        found = shown_field(shown, "advected gradient").velocity
         expected = pushforward(SPHERE, session.result.velocity[0], start, time)
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
 
@@ -240,7 +240,7 @@ def test_missing_commuting_field_has_a_reason(session, shown, monkeypatch):
         with raises(AbfmError):
             quantities_module.commuting(state, 0)
     monkeypatch.setattr(quantities_module, "_COMMUTING_VERTICES_MAX", 100)
-    for part, facts in (("commuting", ("100", "642")), ("whole", ())):
+    for part, facts in (("commuting", ("100", "642")), ("complete", ())):
         session.editor.set_view("show", part=part)
         shown.quantities.field()
         until(lambda: not shown.quantities.busy, session)
@@ -260,7 +260,7 @@ def test_earlier_field_is_shown_again_at_once(session, shown, held):
     assert np.array_equal(field.velocity, session.result.velocity[0])
     session.editor.set_view("part", part="commuting")
     until(lambda: shown.quantities.field() is not None and begun.is_set(), session)
-    session.editor.set_view("part", part="whole")
+    session.editor.set_view("part", part="complete")
     assert shown.quantities.field() is field
     may_end.set()
     until(lambda: not shown.quantities._field.is_running, session)
