@@ -32,7 +32,7 @@ it folds. For a registration, write the map between both surfaces.
 Examples:
   abfm map match.npz --out map.txt
   abfm map match.npz --truth rotation
-  abfm map match.npz --carry uv.npy --out transferred.npy
+  abfm map match.npz --push uv.npy --out pushed.npy
   abfm map match.npz --functional-map 50 --out C.npy
   abfm map reg.npz --truth true_vertices.txt
 """
@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--inverse", "use the inverse map")
     choose = adder(parser.add_mutually_exclusive_group())
     choose(
-        "--carry",
-        "transfer values along the flow, one row per vertex: texture coordinates, colours, ...",
+        "--push",
+        "push values along the flow, one row per vertex: texture coordinates, colours, ...",
         "FILE",
     )
     what = "write the matrix of the flow in the first K eigenfunctions"
@@ -76,9 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
     out, truth = arguments.out, arguments.truth
     if out is not None:
         outputs.check(out, _TABLES)
-        outputs.check_not_read(out, (arguments.carry, truth))
-    elif arguments.carry or arguments.functional_map is not None:
-        raise UsageError("--carry and --functional-map need --out, the table to write")
+        outputs.check_not_read(out, (arguments.push, truth))
+    elif arguments.push or arguments.functional_map is not None:
+        raise UsageError("--push and --functional-map need --out, the table to write")
     match = load_result(arguments.input, Match, Correspondence)
     if isinstance(match, Correspondence):
         return _of_two_surfaces(arguments, match)
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_note(quality.warning, "warning")
     facts = {
         **report.distortion_details(quality.distortion),
-        "there_and_back": quality.round_trip._asdict(),
+        "round_trip": quality.round_trip._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
     }
@@ -121,10 +121,10 @@ def _report(
 
 
 def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> int:
-    requested = arguments.time, arguments.carry, arguments.functional_map
+    requested = arguments.time, arguments.push, arguments.functional_map
     if any(each is not None for each in requested):
         raise UsageError(
-            "--time, --carry and --functional-map need a result on one surface; for a registration "
+            "--time, --push and --functional-map need a result on one surface; for a registration "
             "use abfm apply"
         )
     accuracy = None
@@ -168,8 +168,8 @@ def _table(
     if arguments.functional_map is not None:
         sign = -1 if arguments.inverse else 1
         return match.functional_map(arguments.functional_map, sign * time)
-    if arguments.carry:
-        return _moved_table(points, arguments.carry)
+    if arguments.push:
+        return _moved_table(points, arguments.push)
     return vertex_numbers(points)
 
 
@@ -178,7 +178,7 @@ def _moved_table(points: PointMap, path: str) -> NDArray[Any]:
     rows = read_values(path, points.domain).table()
     if not np.isfinite(rows).all():
         raise FunctionError(
-            f"file {path!r}: some values are not finite; --carry needs finite values"
+            f"file {path!r}: some values are not finite; --push needs finite values"
         )
     values = points.pull_back(rows)
     if not np.isfinite(values).all():

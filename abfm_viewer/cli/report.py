@@ -135,7 +135,7 @@ def _sizes(mesh: TriangleMesh) -> dict[str, int]:
 
 def _warnings(of_map: dict[str, Any], reported: Facts | None) -> list[str]:
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
-    round_trip, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
+    round_trip, covered = of_map["round_trip"]["p95"], of_map["coverage"]
     texts = [] if reported is None else list(reported.warnings)
     if folded and reported is None:
         part = percents(folded / faces, ".3g")

@@ -154,7 +154,9 @@ def _draw_labels(context: Context) -> None:
             context.exporter.save_labels(path, labels, found)
 
     is_there = session.document.result is not None
-    if context.ui.button("Save transferred labels...", _tip(context, _LABELS_TIP), enabled=is_there):
+    if context.ui.button(
+        "Save transferred labels...", _tip(context, _LABELS_TIP), enabled=is_there
+    ):
         context.dialogs.save("Save transferred labels", LABELS, "transferred.label.gii", save)
 
 

@@ -147,7 +147,11 @@ def draw(context: Context) -> None:
 def _preset(ui: Ui, session: Session) -> None:
     now = row_of(session.parameters)
     shown = (
-        now.name if now else _DEFAULTS if session.parameters == _DEFAULT_PARAMETERS else _CUSTOM_VALUES
+        now.name
+        if now
+        else _DEFAULTS
+        if session.parameters == _DEFAULT_PARAMETERS
+        else _CUSTOM_VALUES
     )
     rows = {row.name: row for row in TABLE_1.values()}
     tips = {_CUSTOM_VALUES: ""} if shown == _CUSTOM_VALUES else {}

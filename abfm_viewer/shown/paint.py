@@ -196,7 +196,9 @@ class Painter:
         if kind in ("area distortion", "conformal distortion"):
             return self._distortion(kind)
         part = self._session.view.part
-        suffix = "" if part == "complete" else f", {part} part" if part in HODGE_PARTS else f", {part}"
+        suffix = (
+            "" if part == "complete" else f", {part} part" if part in HODGE_PARTS else f", {part}"
+        )
         title = f"{kind}{suffix}"
         if kind == "speed":
             field = self._shown.quantities.field()

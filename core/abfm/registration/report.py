@@ -33,7 +33,7 @@ def map_details(found: Correspondence, distortion: Distortion | None = None) -> 
         **distortion_details(distortion),
         "collapsed": distortion.collapsed,
         "coverage": found.coverage(),
-        "there_and_back": back._asdict(),
+        "round_trip": back._asdict(),
     }
 
 

@@ -154,7 +154,7 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
             points = {
                 **measured,
                 "frame": _columns(sequence.frames[k]),
-                "carried": _columns(advected),
+                "advected": _columns(advected),
                 "divergence": sequence.divergence[i],
                 "curl": sequence.curl[i],
             }

@@ -54,7 +54,7 @@ def test_pvd_has_frames_and_fields(tmp_path):
         for certainty in ("uncertainty", "determined"):
             assert f'Name="{certainty}"'.encode() in written
             assert getattr(sequence, certainty)[interval].tobytes() in written
-        advected = point_data(tmp_path / name, "carried")[:, 0]
+        advected = point_data(tmp_path / name, "advected")[:, 0]
         if k:
             flow = Flow(MESH, sequence.velocity[k - 1], TIMES[k] - TIMES[k - 1])
             assert_allclose(advected, flow.push(sequence.frames[k - 1])[:, 0], atol=1e-12)

@@ -36,7 +36,7 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kind", ["obj", "glb"])
-def test_texture_there_and_back(files, tmp_path, abfm, kind):
+def test_texture_round_trip(files, tmp_path, abfm, kind):
     there = tmp_path / f"b.{kind}"
     line = f"apply {{f}}/c.npz --texture={{f}}/a.{kind} --size=512 --out={{t}}/b.{kind}"
     names = [there, *(tmp_path / f"b.{end}" for end in ("mtl", "png") if kind == "obj")]

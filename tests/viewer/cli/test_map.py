@@ -68,7 +68,7 @@ def test_folding_flow_has_a_warning(folding, tmp_path, abfm):
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
     found = match.flow.map_quality()
     assert found.warning
-    for words in ("", "--functional-map=5", "--carry={t}/uv.npy"):
+    for words in ("", "--functional-map=5", "--push={t}/uv.npy"):
         output = abfm(f"map {{r}} --out {{t}}/out.npy {words}", r=folding)
         assert output.err == f"warning: {found.warning}\n"
         assert output.out == f"{found.report()}\nwrote {tmp_path / 'out.npy'}\n"
@@ -81,7 +81,7 @@ def test_json_of_a_map(folding, rotation, tmp_path, abfm):
         found = load(path).flow.map_quality(time)
         for name in ("log2_area", "log2_shape"):
             assert quality[name] == getattr(found.distortion, name)._asdict()
-        assert quality["there_and_back"] == found.round_trip._asdict()
+        assert quality["round_trip"] == found.round_trip._asdict()
         assert (quality["folded"], quality["warning"]) == (found.distortion.folded, found.warning)
         assert output.err == (f"warning: {found.warning}\n" if found.warning else "")
 
@@ -96,9 +96,9 @@ def test_values_return_to_their_vertices(rotation, tmp_path, abfm):
     """Vertices without faces have no value."""
     mesh = load(rotation).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
-    abfm("map {r} --carry {t}/uv.npy --out {t}/there.npy", r=rotation)
+    abfm("map {r} --push {t}/uv.npy --out {t}/there.npy", r=rotation)
     assert np.abs(np.load(tmp_path / "there.npy") + mesh.vertices[:, :2]).max() < 0.05
-    abfm("map {r} --carry {t}/there.npy --time -1 --out {t}/back.csv", r=rotation)
+    abfm("map {r} --push {t}/there.npy --time -1 --out {t}/back.csv", r=rotation)
     back = np.loadtxt(tmp_path / "back.csv", delimiter=",")
     np.testing.assert_allclose(back, mesh.vertices[:, :2], atol=0.02)
     sphere = icosphere(2)
@@ -108,7 +108,7 @@ def test_values_return_to_their_vertices(rotation, tmp_path, abfm):
     assert np.loadtxt(tmp_path / "map.txt").tolist() == [-1, *range(1, len(sphere.vertices) + 1)]
     table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)
     np.save(tmp_path / "uv.npy", table)
-    abfm("map {r} --carry {t}/uv.npy --out {t}/out.npy", r=still)
+    abfm("map {r} --push {t}/uv.npy --out {t}/out.npy", r=still)
     table[0] = np.nan
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
 
@@ -123,13 +123,13 @@ def test_functional_map_is_nearly_orthogonal(rotation, tmp_path, abfm):
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        ("--carry uv.npy", ["--out"]),
+        ("--push uv.npy", ["--out"]),
         ("--functional-map 5", ["--out"]),
         ("--out map.obj", [".txt", ".csv", ".npy"]),
-        ("--out map.txt --carry none.npy", ["none.npy"]),
-        ("--out short.npy --carry short.npy", ["short.npy"]),
-        ("--out map.txt --carry short.npy", ["short.npy", 3]),
-        ("--out map.txt --carry inf.npy", ["inf.npy"]),
+        ("--out map.txt --push none.npy", ["none.npy"]),
+        ("--out short.npy --push short.npy", ["short.npy"]),
+        ("--out map.txt --push short.npy", ["short.npy", 3]),
+        ("--out map.txt --push inf.npy", ["inf.npy"]),
         ("--out C.npy --functional-map 0", [0]),
         ("--out C.npy --functional-map 100000", [100000]),
         ("--truth none.txt", ["none.txt"]),

@@ -95,7 +95,7 @@ def test_numbers_are_those_of_the_registration(written, page):
         assert facts[name]["folded"] == distortion.folded
         assert facts[name]["coverage"] == pytest.approx(one.coverage())
         round_trip = one.round_trip()._asdict()
-        assert facts[name]["there_and_back"] == pytest.approx(round_trip, abs=1e-9)
+        assert facts[name]["round_trip"] == pytest.approx(round_trip, abs=1e-9)
     match = found.match
     assert facts["residual"] == pytest.approx(match.residual)
     assert facts["verdict"]["kind"] == match.verdict.kind
