@@ -17,7 +17,14 @@ from abfm.types import BoolArray, FloatArray
 
 SMOOTHNESSES = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 """Smoothness values of Horn-Schunck; the tables have the best one for the known motion."""
-HEADINGS = ("noise", "edges", *(2 * ("Horn-Schunck", "frame by frame", "together")))
+
+
+def error_headings(*methods: str) -> list[str]:
+    """Return the headings of the cells of `error_cells`."""
+    return [f"{error}: {method}" for error in ("angle", "speed") for method in methods]
+
+
+HEADINGS = ("noise", "edges", *error_headings("Horn-Schunck", "frame by frame", "together"))
 """Headings of the cells of `known_cells` after the kind."""
 
 _GAMMAS = (0.0, 1.0)  # interval by interval, and coupled in time

@@ -21,11 +21,11 @@ from abfm.mesh.shapes import sphere
 from abfm.sequences import defaults
 from abfm.types import FloatArray
 from benchmarks.common import Table, main, mapped
-from benchmarks.motion import KnownMotion, compared, edge_length, error_cells
+from benchmarks.motion import KnownMotion, compared, edge_length, error_cells, error_headings
 
 WAVELENGTHS = {"smooth": 20.0, "rough": 9.0}
 """Wavelengths of textures, in mean edges."""
-MOTIONS = ("turn", "waves")
+MOTIONS = ("rotation", "waves")
 NOISES = (0.0, 0.05, 0.1)
 """Standard deviation of the noise, relative to that of the frames."""
 DISPLACEMENTS = (0.25, 0.5, 1.0, 2.5, 4.0)
@@ -40,8 +40,8 @@ HEADINGS = (
     "motion",
     "noise",
     "edges",
-    *(2 * ("Horn-Schunck", "order 1", "chosen")),
-    "norm",
+    *error_headings("Horn-Schunck", "order 1", "chosen"),
+    "order, alpha, sigma",
 )
 
 _FIELD_WAVELENGTH = 24.0  # mean edges
@@ -96,7 +96,7 @@ def _velocity(motion: str, edge: float) -> Velocity:
     """Return a field at points of the sphere."""
     waves = [PlaneWaves(_FIELD_WAVELENGTH * edge, seed) for seed in _FIELD_SEEDS]
 
-    def turn(points: FloatArray) -> FloatArray:
+    def rotation(points: FloatArray) -> FloatArray:
         return np.asarray(np.cross([0.0, 0.0, 1.0], points))
 
     def gradients(points: FloatArray) -> FloatArray:
@@ -104,7 +104,7 @@ def _velocity(motion: str, edge: float) -> Velocity:
         normal = np.einsum("px,px->p", first, points)[:, None] * points
         return np.asarray(first - normal + np.cross(points, second))
 
-    return turn if motion == "turn" else gradients
+    return rotation if motion == "rotation" else gradients
 
 
 def _on_sphere(points: FloatArray) -> FloatArray:
@@ -152,7 +152,7 @@ class Case(NamedTuple):
 
 def tables(arguments: argparse.Namespace) -> Mapping[str, Table]:
     sizes = [
-        Case("smooth", "turn", noise, 1.0, subdivision)
+        Case("smooth", "rotation", noise, 1.0, subdivision)
         for noise, subdivision in product((0.0, 0.1), SUBDIVISIONS)
     ]
     cases = [Case(*each) for each in product(WAVELENGTHS, MOTIONS, NOISES, DISPLACEMENTS)]

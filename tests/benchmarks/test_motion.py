@@ -13,8 +13,8 @@ BALL = icosphere(2)
 EDGE = textures.edge_length(BALL)
 
 
-def test_turning_frames_are_a_rotation():
-    moving = moving_texture(BALL, "smooth", "turn", 1.0)
+def test_rotated_frames_follow_the_field():
+    moving = moving_texture(BALL, "smooth", "rotation", 1.0)
     angle = np.linalg.norm(moving.field, axis=1).max()
     c, s = np.cos(angle), np.sin(angle)
     back = BALL.vertices @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -36,7 +36,7 @@ def test_size_of_field_is_displacement(motion):
 
 
 def test_noise_has_its_deviation():
-    moving = moving_texture(icosphere(4), "rough", "turn", 0.5)
+    moving = moving_texture(icosphere(4), "rough", "rotation", 0.5)
     noise = moving.noisy(0.1, 5) - moving.frames
     assert noise.std() == pytest.approx(0.1 * moving.frames.std(), rel=0.05)
 
@@ -52,7 +52,7 @@ def test_gradients_are_those_of_values():
 
 
 def test_defaults_beat_baseline_on_smooth_texture():
-    row = Case("smooth", "turn", 0.0, 1.0, 3).row()
+    row = Case("smooth", "rotation", 0.0, 1.0, 3).row()
     assert len(row) == len(textures.HEADINGS)
     assert row[0] == "642"
     words = row[5:11]
