@@ -33,7 +33,7 @@ def load(path: File, *expected: type) -> Any:
     -------
     Match, Registration, Correspondence, Sequence, Population or Problem
         The content of the file. Stored values that do not fit the field of a match are recomputed,
-        and ``match.doubt`` reports it.
+        and ``match.load_warning`` reports it.
 
     Raises
     ------

@@ -95,7 +95,7 @@ class Facts:
     ----------
     outcome : Outcome
     headline : str
-        A few words with the main numbers, such as "matched to 4%".
+        A few words with the main numbers, such as "matched (residual 4%)".
     reason : str
         The reason for the outcome, in one line without a full stop.
     advice : str

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _SHARE_MIN = 1e-4  # a smaller share is written as less than this
 _LOG2_MAX = 100.0  # of factors; larger ones are shown as 2 to this power
@@ -18,9 +22,12 @@ def sentence(text: str) -> str:
     return f"{capital(text)}."
 
 
-def counted(number: int, noun: str) -> str:
-    """Return a number with its noun: ``1 iteration``, ``2 iterations``."""
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
+    """Return a number with its noun: ``1 iteration``, ``2 iterations``.
+
+    A plural without a final s, or a phrase with a verb, is the third argument.
+    """
+    return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
 def share(value: float) -> str:

@@ -118,7 +118,10 @@ def attempt(item: WorkItem) -> Answer:
 
 def _answer(item: WorkItem) -> Answer:
     if item.version != (there := installed_version()):
-        reason = f"the worker has abfm {there}; expected abfm {item.version}, as on this machine"
+        reason = (
+            f"the worker has abfm {there}, but the batch was started by abfm {item.version}; "
+            "install the same version for the worker"
+        )
         return Answer(Record(reason=reason))
     if item.contents is None and not all(map(os.path.exists, item.row.files())):
         return Answer(needs_contents=True)

@@ -61,7 +61,7 @@ class DaskConnection:
             with step(CONNECTING):
                 self._client = _client(Client, address, control)
             opened.callback(_close, self._client)
-            _check_alike(self._client)
+            _check_versions(self._client)
             self._opened = opened.pop_all()
         self.executor: Executor = self._client.get_executor(pure=False)
 
@@ -157,7 +157,7 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     raise CancelledError
 
 
-def _check_alike(client: Any) -> None:
+def _check_versions(client: Any) -> None:
     """Refuse a cluster without abfm, where workers would end, or with another version."""
     here, found = installed_version(), dict[str, Any]()
     try:

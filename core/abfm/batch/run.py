@@ -18,6 +18,7 @@ from abfm.batch.ledger import Ledger, LedgerEntry, Record
 from abfm.batch.rows import Row
 from abfm.errors import AbfmWarning, one_line
 from abfm.reading import read_bytes
+from abfm.wording import counted
 from abfm.workers.control import CancelledError, Control
 from abfm.workers.executor import CALLS_SUBMITTED_MAX, Processes, completed, in_order
 from abfm.workers.worker import WorkerEndedError
@@ -183,8 +184,8 @@ class Workers:
                         yield item, found
         except FutureCancelledError as error:
             raise ConnectionLostError(
-                f"the scheduler no longer answers; {unfinished} rows are unfinished. Run the same "
-                "command again to resume"
+                f"the scheduler no longer answers; {counted(unfinished, 'row is', 'rows are')} "
+                "unfinished. Run the same command again to resume"
             ) from error
         except CancelledError:  # cancelled while connecting
             pass

@@ -12,6 +12,7 @@ from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.reading import Format, decoded, open_file, rows_of
 from abfm.tasks.inputs import Input
+from abfm.wording import counted
 
 Read = TypeVar("Read")
 
@@ -96,8 +97,8 @@ def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
                 raise ParameterError(f"it has more than {rows_max} rows")
             if len(cells) > width:
                 raise ParameterError(
-                    f"row {number} has {len(cells)} cells, but the table has {width} columns; put "
-                    "cells that contain a comma in double quotes"
+                    f"row {number} has {len(cells)} cells, but the table has "
+                    f"{counted(width, 'column')}; put cells that contain a comma in double quotes"
                 )
             yield cells
     except ValueError as error:

@@ -94,7 +94,7 @@ def match_one_to_two(
     drifts = [abs(mass / masses[0] - 1) for mass in at_tau]
     of_mismatch = "mismatch at tau, relative to the target in L2"
     matches = "the advected source matches the target"
-    of_range = "largest over- or undershoot on the way, as a share of the functions' range"
+    of_range = "largest over- or undershoot until tau, as a share of the functions' range"
     drift, keeps = "drift of the mass at tau", "a small sigma keeps the drift small"
     measures = [
         Measure(of_mismatch, error, matches, error <= _MISMATCH_MAX, _MISMATCH_MAX),
@@ -108,7 +108,7 @@ def match_one_to_two(
     else:
         measures.append(Measure(drift, drifts[0]))
     drift_max = abs(masses / masses[0] - 1).max()
-    measures.append(Measure("largest drift of the mass on the way", drift_max))
+    measures.append(Measure("largest drift of the mass until tau", drift_max))
 
     def deviation(values: FloatArray) -> float:
         mass = areas * np.maximum(values, 0)  # undershoots have no mass
@@ -122,7 +122,7 @@ def match_one_to_two(
     deviates = "(deviation of its distance from the source)"
     for measure_name, numbers, sign in (
         ("largest value shown where source and target are below half", heights, -1),
-        (f"spread of the mass at tau/2 {deviates}, as a share of the way", spreads, 1),
+        (f"spread of the mass at tau/2 {deviates}, relative to the distance", spreads, 1),
     ):
         moves = sign * numbers["advection"] < sign * numbers["linear blend"]
         for method, x in numbers.items():

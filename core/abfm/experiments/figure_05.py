@@ -57,8 +57,10 @@ def figure_5(setup: FigureSetup) -> Script:
         energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
         roughness_of_u = energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
         of_bracket, commutes = "bracket norm relative to both fields", "u commutes with v"
-        of_usual = f"the same, median of the {len(others)} smoothest fields orthogonal to v"
-        exchange = "distance of the ends when the two flows are exchanged, over the way"
+        of_usual = f"{of_bracket}, median of the {len(others)} smoothest fields orthogonal to v"
+        exchange = (
+            "distance of the ends when the two flows are exchanged, relative to the displacement"
+        )
         roughness = "roughness of u, squared div and curl times area over squared norm"
         measures += [
             Measure(
@@ -75,7 +77,7 @@ def figure_5(setup: FigureSetup) -> Script:
             measures += [
                 Measure(f"{name}: order of the bracket norm in the edge length", order),
                 Measure(exact, errors[-1], f"{claim} field that commutes with v", reproduces),
-                Measure(f"{name}: order of that error", of_errors),
+                Measure(f"{name}: order of the error against the exact u", of_errors),
                 Measure(f"{name}: roughness of the exact u", case.roughness),
             ]
         # no colors if u is known: the speed of u is only informative on a given mesh

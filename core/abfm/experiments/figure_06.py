@@ -106,10 +106,10 @@ def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measu
         )
         ours, printed = (l2_norm(mesh, x - expected) / l2_norm(mesh, expected) for x in derived)
         text = (
-            f"{case.name}: relative L2 error of D_w x' against (D_u x)' at t = {t:g}, x the "
-            "coordinates, ' and w carried"
+            f"{case.name}: relative L2 error of D_w x' against (D_u x)' at t = {t:g}, with "
+            "coordinates x, pushed field w and advected functions '"
         )
-        itself = f"{case.name}: relative L2 error of v carried along itself at t = {t:g}"
+        itself = f"{case.name}: relative L2 error of v pushed along itself at t = {t:g}"
         same = pushforward(mesh, case.v, case.v, t)
         measures += [
             Measure(text, ours),

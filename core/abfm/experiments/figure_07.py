@@ -73,7 +73,7 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
     rise = energy[:-1].max() / max(energy[0], energy[-1])
     claim, end_distance = "smooth path", l2_norm(mesh, steps.sum(axis=0))
     of_turns = "largest change from one step to the next over mean step"
-    of_energy = "largest Dirichlet energy on the way over that of source or target"
+    of_energy = "largest Dirichlet energy of the path over that of source or target"
     return (
         Measure("path length over distance of its ends, in L2", lengths.sum() / end_distance),
         Measure("largest step over mean step", lengths.max() / lengths.mean()),

@@ -54,7 +54,7 @@ def figure_8(setup: FigureSetup) -> Script:
 
     where = f"where |grad f| exceeds {_SLOPE_SHARE_MIN:.0%} of its maximum"
     of_slopes = f"error of the field along grad f, {where}, relative L2"
-    of_path = "error of <v, grad f_t> over the whole way, relative L2 on the surface and in time"
+    of_path = "error of <v, grad f_t> over the path, relative L2 on the surface and in time"
     of_functions = "largest |g - f_tau|, f and g on the scale of 1"
     small = "the error between the functions is very small"
     measures = (
@@ -66,7 +66,7 @@ def figure_8(setup: FigureSetup) -> Script:
         ),
         Measure(f"share of the surface {where}", share),
         Measure(of_path, rate_error),
-        Measure("error of the whole field, relative L2", field_error),
+        Measure("error of the complete field, relative L2", field_error),
         Measure(of_functions, largest, small, largest <= _ERROR_MAX, _ERROR_MAX),
         Measure("mismatch, relative L2", found.mismatch),
         *verification,

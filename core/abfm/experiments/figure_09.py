@@ -77,7 +77,9 @@ def figure_9(setup: FigureSetup) -> Script:
         measures += [
             Measure("mismatch with one Gaussian as the only function", one.mismatch),
             Measure("map error with one Gaussian only, mean", of_one),
-            Measure("energy without cooling over the energy here", energies[0] / energies[1]),
+            Measure(
+                "energy without cooling over the energy with cooling", energies[0] / energies[1]
+            ),
             Measure("map error without cooling, mean", of_hot),
         ]
     if setup.mesh is None:
@@ -89,7 +91,10 @@ def figure_9(setup: FigureSetup) -> Script:
         end = Panel(human, Coordinates(as_map.advected), "matched: not reached", "result")
         rows.append((*function_row(bumps, "mirrored function")[:4], goal, end))
         measures += [
-            Measure("mirror: vertices where the detected map is not the file's", other.sum()),
+            Measure(
+                "mirror: vertices where the detected map differs from the map of the file",
+                other.sum(),
+            ),
             Measure("mirror: mismatch of the function", bumps.mismatch),
             Measure("mirror: map error, mean", of_bumps),
             Measure("mirror: mismatch of the three coordinates", as_map.mismatch),
@@ -263,7 +268,10 @@ class SymmetryScene:
             ),
             Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
             Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
-            Measure("advected points from the ends of exact flow lines, mean", distances.mean()),
+            Measure(
+                "distance of advected points from the ends of exact flow lines, mean",
+                distances.mean(),
+            ),
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:

@@ -26,9 +26,9 @@ from abfm.types import FloatArray, IntArray
 ONE_FUNCTION = "1 function"
 FUNCTIONS = "3 functions"
 BASIS = "reduced basis"
-CUT_FUNCTIONS = "3 functions, both cut off"
-ZOOMED_FUNCTIONS = "ZoomOut, then 3 functions, both cut off"
-CUT_SUFFIX = ", cut off alike"
+TRUNCATED_FUNCTIONS = "3 functions, both truncated"
+ZOOMED_FUNCTIONS = "ZoomOut, then 3 functions, both truncated"
+TRUNCATED_SUFFIX = ", truncated alike"
 BY_LINES = ", flow lines"
 BY_NEIGHBOURS = ", nearest neighbours"
 START = "start"
@@ -49,22 +49,27 @@ _ZOOM_OUT_STEP = 10  # eigenfunctions
 _FIELDS = 50
 _SIGMA = 0.1
 _MAPS = (START, TARGETS, ONE_FUNCTION, FUNCTIONS, BASIS)  # shown in the pictures
-_CUT_MAPS = (CUT_FUNCTIONS, CUT_FUNCTIONS + BY_NEIGHBOURS, ZOOMED_FUNCTIONS + BY_NEIGHBOURS)
+_TRUNCATED_MAPS = (
+    TRUNCATED_FUNCTIONS,
+    TRUNCATED_FUNCTIONS + BY_NEIGHBOURS,
+    ZOOMED_FUNCTIONS + BY_NEIGHBOURS,
+)
 _REFERENCES = (START, TARGETS, FUNCTIONS + BY_LINES, BASIS + BY_NEIGHBOURS, ZOOM_OUT)
 _PAIRS = (  # maps with a flow, and maps from the same data without one
     (FUNCTIONS, TARGETS),
-    (FUNCTIONS + CUT_SUFFIX, TARGETS + CUT_SUFFIX),
-    (CUT_FUNCTIONS, TARGETS + CUT_SUFFIX),
+    (FUNCTIONS + TRUNCATED_SUFFIX, TARGETS + TRUNCATED_SUFFIX),
+    (TRUNCATED_FUNCTIONS, TARGETS + TRUNCATED_SUFFIX),
     *(
         (name + BY_NEIGHBOURS, NO_FLOW + BY_NEIGHBOURS)
-        for name in (ONE_FUNCTION, FUNCTIONS, CUT_FUNCTIONS, BASIS)
+        for name in (ONE_FUNCTION, FUNCTIONS, TRUNCATED_FUNCTIONS, BASIS)
     ),
     (ZOOMED_FUNCTIONS + BY_NEIGHBOURS, ZOOM_OUT),
 )
 # numbers of vertices whose errors are measured
 _ALL_VERTICES_MAX = 1500
 _MEASURED_VERTICES = 500
-_INITIAL_MAPS = {CUT_FUNCTIONS: START, ZOOMED_FUNCTIONS: ZOOM_OUT}  # matches by their initial maps
+# initial maps of matches, by name
+_INITIAL_MAPS = {TRUNCATED_FUNCTIONS: START, ZOOMED_FUNCTIONS: ZOOM_OUT}
 _ERROR_BOUND = 0.05
 _ERROR_LEVELS = np.linspace(0, 0.15, 301)
 
@@ -84,7 +89,10 @@ def figure_11(setup: FigureSetup) -> Script:
         np.abs(problem.target - f).sum(axis=1) for f in (problem.source, found.advected)
     )
     remaining = remaining_ratio(float(weights @ after), float(weights @ before))
-    of_sum, claim = "share of the pointwise sum of errors that is left", "the matching succeeds"
+    of_sum, claim = (
+        "ratio of the pointwise sums of errors after and before",
+        "the matching succeeds",
+    )
     measures = (
         Measure("mean pointwise sum of absolute errors before, sqrt(area)", weights @ before),
         Measure("mean pointwise sum of absolute errors after, sqrt(area)", weights @ after),
@@ -125,7 +133,7 @@ def figure_12(setup: FigureSetup) -> Script:
     three = remaining(found.three.advected, slice(3))
     of_map = remaining_ratio(found.reduced.mismatch, found.reduced.start_mismatch)
     claim = "the target functions are matched"
-    of_start = "share of the start's mismatch that is left"
+    of_start = "mismatch relative to that of the start"
     of_maps, notes = scripts.quality_measures({name: found.qualities[name] for name in _MAPS})
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
@@ -133,7 +141,9 @@ def figure_12(setup: FigureSetup) -> Script:
         Measure("3 functions: mismatch", found.three.mismatch),
         Measure(f"3 functions: {of_start}", three, claim, three <= _MISMATCH_RATIO_MAX),
         Measure(f"reduced basis: {of_start}", remaining(found.reduced_functions, slice(3))),
-        Measure("reduced basis: share of the functional map's mismatch left", of_map),
+        Measure(
+            "reduced basis: mismatch of the functional map relative to that of the start", of_map
+        ),
         *of_maps,
     )
 
@@ -182,20 +192,20 @@ def figure_13(setup: FigureSetup) -> Script:
                 (shares[theirs] - shares[ours]).max(),
             )
             deficit_max = 100 * max(float(deficits), 0.0)
-            of_mean = f"{ours}: mean error less that of the reduced basis{reading}, sqrt(area)"
-            of_curve = f"{ours}: most that its curve is below the reduced basis'{reading}, %"
+            of_mean = f"{ours}: mean error minus that of the reduced basis{reading}, sqrt(area)"
+            of_curve = f"{ours}: largest deficit of its curve against the reduced basis{reading}, %"
             measures.append(Measure(of_mean, difference, better, difference < 0))
             measures.append(Measure(of_curve, deficit_max, better, deficit_max == 0))
     for ours in (FUNCTIONS, FUNCTIONS + BY_LINES, FUNCTIONS + BY_NEIGHBOURS):
         text, difference = (
-            f"{ours}: mean error less the start's, sqrt(area)",
+            f"{ours}: mean error minus that of the start, sqrt(area)",
             mean_difference(ours, START),
         )
         measures.append(Measure(text, difference, "the map is improved", difference < 0))
-    flow_effect = "what the flow adds: mean error of"
+    flow_effect = "effect of the flow: mean error of"
     measures += [
         Measure(
-            f"{flow_effect} '{ours}' less that of '{maps_without}', sqrt(area)",
+            f"{flow_effect} '{ours}' minus that of '{maps_without}', sqrt(area)",
             mean_difference(ours, maps_without),
         )
         for ours, maps_without in _PAIRS
@@ -208,9 +218,9 @@ def figure_13(setup: FigureSetup) -> Script:
             Measure(f"{name}: vertices with an error under {_ERROR_BOUND:g} sqrt(area), %", share),
         ]
     of_maps, notes = scripts.quality_measures(
-        {name: found.qualities[name] for name in (*_MAPS, *_CUT_MAPS)}
+        {name: found.qualities[name] for name in (*_MAPS, *_TRUNCATED_MAPS)}
     )
-    shown = (FUNCTIONS, ONE_FUNCTION, BASIS, CUT_FUNCTIONS + BY_NEIGHBOURS, *_REFERENCES)
+    shown = (FUNCTIONS, ONE_FUNCTION, BASIS, TRUNCATED_FUNCTIONS + BY_NEIGHBOURS, *_REFERENCES)
     plotted = tuple(
         Curve(name, _ERROR_LEVELS, 100 * shares[name], name in _REFERENCES) for name in shown
     )
@@ -380,7 +390,7 @@ def comparison_of(
     maps_without: Mapping[str, PointMap],
     matches: Sequence[Match],
 ) -> Comparison:
-    """Recover the maps from the matches of `sought_on`, and match in the reduced basis."""
+    """Recover the maps from the matches of `requests_on`, and match in the reduced basis."""
     a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.true_map), problem.source
     one, three, *others = matches
     read = dict(maps_without)
@@ -396,7 +406,7 @@ def comparison_of(
     reduced_functions = advect(b, reduced.velocity, source, p.tau)
     read |= {
         FUNCTIONS: closest_points(poses, three.advected),
-        FUNCTIONS + CUT_SUFFIX: closest_truncated(poses, three.advected),
+        FUNCTIONS + TRUNCATED_SUFFIX: closest_truncated(poses, three.advected),
         ONE_FUNCTION: closest_points(poses, by_one_flow),
         BASIS: closest_points(poses, reduced_functions),
         **by_flow(poses.start, k, FUNCTIONS, three),
@@ -421,7 +431,7 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
     return {
         START: poses.start,
         TARGETS: closest_points(poses, target),
-        TARGETS + CUT_SUFFIX: closest_truncated(poses, target),
+        TARGETS + TRUNCATED_SUFFIX: closest_truncated(poses, target),
         NO_FLOW + BY_NEIGHBOURS: point_map(a, b, functional_map(poses.start, k)),
         ZOOM_OUT: point_map(a, b, zoomed),
     }

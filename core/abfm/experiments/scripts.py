@@ -226,7 +226,7 @@ def example_in_subprocess(figure: int) -> tuple[Example, Match | None]:
     """Create the example of a figure on its own mesh, in a subprocess.
 
     Eigenfunctions and geodesics would block a window. The second value is the given flow, see
-    `as_match`. Raises AbfmError if the example cannot be created.
+    `match_of_flow`. Raises AbfmError if the example cannot be created.
     """
     ended = f"figure {figure} could not be set up because its process ended; try again"
     with closing(Worker(no_state, ended)) as worker:
@@ -296,7 +296,10 @@ def advection_example(flow: Flow, name: str, source: str, target: str) -> Exampl
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations from 60 to ``most``, about 30 seconds for three functions."""
+    """Return a number of iterations from 60 to ``iterations_max``.
+
+    They take about 30 seconds for three functions.
+    """
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
@@ -307,12 +310,12 @@ def verification_measures(found: Match) -> tuple[list[Measure], str, str]:
     except ParameterError as error:
         return [], "matched", f" Not verified: {error}."
     numbers = {
-        "residual by flow lines": verification.flow_lines,
+        "residual along flow lines": verification.flow_lines,
         "residual on the subdivided mesh": verification.subdivided,
         "folded faces, as a share of all": verification.folded,
     }
     measures = [Measure(name, x) for name, x in numbers.items() if math.isfinite(x)]
-    label = f"matched: {found.residual:.2g}, {verification.flow_lines:.2g} by flow lines"
+    label = f"matched: {found.residual:.2g}, {verification.flow_lines:.2g} along flow lines"
     overflows = (
         " The flow on the subdivided mesh overflows." if math.isinf(verification.subdivided) else ""
     )

@@ -12,6 +12,7 @@ from abfm.errors import FunctionError, brief, did_you_mean, one_line
 from abfm.functions.family import Family, ValueKind, parameter
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _LENGTH_MAX = 1000  # characters
 _DEPTH_MAX = 495  # nested operations
@@ -110,7 +111,9 @@ def _value(formula: str, points: FloatArray) -> FloatArray:
 
 def _parsed(formula: str) -> ast.expr:
     if len(formula) > _LENGTH_MAX:
-        raise ValueError(f"it has {len(formula)} characters; expected at most {_LENGTH_MAX}")
+        raise ValueError(
+            f"the formula has {len(formula)} characters; expected at most {_LENGTH_MAX}"
+        )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -154,9 +157,9 @@ def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
             count, compute = _FUNCTIONS[name]
             values = [_computed(argument, names) for argument in arguments]
             if len(values) != count:
-                raise ValueError(f"{name} has {len(values)} argument(s); expected {count}")
+                raise ValueError(f"{name} has {counted(len(values), 'argument')}; expected {count}")
             return compute(*values)
         case ast.Name(name) | ast.Call(ast.Name(name)):
             valid_names = ["x", "y", "z", *_CONSTANTS, *_FUNCTIONS]
             raise ValueError(f"{brief(name)} is unknown{did_you_mean(name, valid_names)}")
-    raise ValueError("it has more than arithmetic")
+    raise ValueError("only numbers, operators, comparisons and function calls are allowed")

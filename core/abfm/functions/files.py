@@ -26,6 +26,7 @@ from abfm.reading import (
     open_file,
 )
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 _SYMMETRIC_SUFFIX = ".sym.vts"
 
@@ -151,8 +152,8 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         points, mirrored = read_map_table(template, mesh)[:, 0], table[:, 0]
         if len(points) != len(mirrored):
             raise FunctionError(
-                f"map {brief(path)} has {len(mirrored)} lines, but {brief(template.name)} has "
-                f"{len(points)}; expected the same number"
+                f"map {brief(path)} has {counted(len(mirrored), 'line')}, but "
+                f"{brief(template.name)} has {len(points)}; expected equal numbers"
             )
         # in both directions; the first pair of a vertex is used, or that of the nearest vertex
         pairs = _local_vertices(mesh, path, np.column_stack([points, mirrored]))
@@ -226,7 +227,7 @@ def _swapped(mesh: TriangleMesh, path: str, pairs: IntArray) -> IntArray:
         )
     if 2 * len(both) < len(mesh.vertices):
         raise FunctionError(
-            f"map {brief(path)}: the pairs have {len(both)} of {len(mesh.vertices)} vertices; "
+            f"map {brief(path)}: the pairs contain {len(both)} of {len(mesh.vertices)} vertices; "
             "expected all vertices except those that the symmetry maps to themselves"
         )
     found = np.arange(len(mesh.vertices))

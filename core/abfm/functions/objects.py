@@ -131,7 +131,8 @@ def _of_sources(estimate: Any, side: str) -> Columns:
     chosen = "LR".index(side) if side else present[0] if present else 0
     if chosen not in present:
         raise ValueError(
-            f"it has no source in hemisphere {'LR'[chosen]}, the hemisphere of the mesh"
+            f"the source estimate has no source in hemisphere {'LR'[chosen]}, the "
+            "hemisphere of the mesh"
         )
     first = chosen * len(vertices[0])
     return Columns(

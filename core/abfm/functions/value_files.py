@@ -55,6 +55,7 @@ from abfm.reading import (
 )
 from abfm.reading.gifti import Gifti, GiftiArray
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm.workers.control import CancelledError
 
 _KEY_MAX = 2**53  # largest key of labels, exact in double precision
@@ -317,7 +318,8 @@ def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
         raise ValueError(f"{len(indices)} arrays of node indices differ; expected one")
     if len(indices[0]) != count:
         raise ValueError(
-            f"there are {len(indices[0])} node indices for {count} values; expected the same number"
+            f"the file has {len(indices[0])} node indices for {count} values; expected "
+            "equal numbers"
         )
     if indices[0].dtype.kind == "f" and not np.array_equal(indices[0], np.rint(indices[0])):
         raise ValueError("the node indices are not integers")
@@ -451,7 +453,7 @@ def _array_name(
         return "frames" if "frames" in arrays else names[0]
     else:
         kind = "result file without frames" if "format_version" in arrays else "file"
-        problem = f"the {kind} has {len(names)} arrays"
+        problem = f"the {kind} has {counted(len(names), 'array')}"
     fitting = [each for each in names if _may_be_values(arrays, each, request.counts)]
     if word is None and len(fitting) == 1:
         return fitting[0]

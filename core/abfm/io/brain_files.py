@@ -37,6 +37,7 @@ from abfm.reading import (
     hemisphere,
 )
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 _PRIMARY_STRUCTURE_KEY = "AnatomicalStructurePrimary"
 _INTENTS = {".shape.gii": "NIFTI_INTENT_SHAPE", ".func.gii": "NIFTI_INTENT_NONE"}
@@ -148,7 +149,10 @@ def write_values(
         raise ResultError(f"values have shape {array.shape}; expected (n,) or (n, C)")
     count = array.size // len(array)
     if names and len(names) != count:
-        raise ResultError(f"there are {len(names)} names for {count} columns of values")
+        raise ResultError(
+            f"values have {counted(count, 'column')} but {counted(len(names), 'name')}; "
+            "expected a name for each"
+        )
     column_names = [_printable(name, "a name of values") for name in names]
     if ending == ".npy" or ending in _TEXTS:
         is_integer = isinstance(values, np.ndarray) and values.dtype.kind in "iu"

@@ -471,7 +471,8 @@ def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
     count = int(total)
     if count - len(ids) > _DROPPED_VERTICES_MAX:
         raise ValueError(
-            f"only {len(ids)} of the {count} vertices of the mesh file are used, which are too few"
+            f"the mesh uses only {len(ids)} of the {count} vertices of its file; at most "
+            f"{_DROPPED_VERTICES_MAX} vertices may be unused"
         )
     structure = arrays.get(f"{prefix}structure")
     mesh = TriangleMesh(

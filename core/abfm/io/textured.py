@@ -19,6 +19,7 @@ from abfm.io.atomic import write_atomically, write_file
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 TEXTURED_ENDINGS = (".obj", ".glb")
 """Endings of names that `write_textured` supports."""
@@ -133,8 +134,9 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
     lost = len(np.unique(mesh.vertices, axis=0)) - len(np.unique(points, axis=0))
     if lost or not np.isfinite(points).all():
         raise ResultError(
-            f"cannot write .glb: in its single precision, {lost} vertices would coincide with "
-            "others. Write .obj, or scale the surface and move it to the origin"
+            "cannot write .glb: in its single precision, "
+            f"{counted(lost, 'vertex', 'vertices')} would coincide with others. Write .obj, or "
+            "scale the surface and move it to the origin"
         )
     order = np.argsort(mesh.faces, axis=None, kind="stable")
     corners = np.empty(len(order), dtype="<u4")

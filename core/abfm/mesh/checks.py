@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError, one_line
 from abfm.mesh import topology
-from abfm.mesh.draft import Draft, FileNumbers, counted
+from abfm.mesh.draft import Draft, FileNumbers
 from abfm.mesh.face_sizes import flat_faces
 from abfm.mesh.options import MeshOptions
 from abfm.mesh.repairs.cleaning import clean as clean_faces
@@ -21,6 +21,7 @@ from abfm.mesh.repairs.remedies import FACES_MAX, DefectError, with_remedies
 from abfm.mesh.topology import edges_of_faces
 from abfm.numerics.real_numbers import plain_array
 from abfm.types import BoolArray, IntArray
+from abfm.wording import counted
 
 # squared areas of meshes of these sizes neither underflow nor overflow
 SIZE_MIN = 1e-60
@@ -341,7 +342,7 @@ def _orient_consistently(draft: Draft) -> None:
     if one_sided.any():
         raise DefectError(
             f"the surface is not orientable, like a Moebius strip ({one_sided.sum()} of "
-            f"{count} faces lie on a one-sided piece, for example face "
+            f"its {count} faces lie on a one-sided piece, for example face "
             f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0)",
             "Cut the surface open",
         )

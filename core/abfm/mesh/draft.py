@@ -77,8 +77,3 @@ class Draft:
     def corners(self, face: int | np.integer[Any]) -> str:
         """Return the vertices of a face as text, numbered as in the input."""
         return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])
-
-
-def counted(number: int | np.integer[Any], one: str, many: str) -> str:
-    """Return a number followed by the singular or plural words for it."""
-    return f"1 {one}" if number == 1 else f"{number} {many}"

@@ -21,6 +21,7 @@ from abfm.mesh.face_sizes import twice_areas
 from abfm.mesh.options import MeshKeywords, MeshOptions
 from abfm.mesh.topology import connected, grouped, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.wording import counted
 from abfm.workers.messages import sent_by_name
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class TriangleMesh(Display):
     copies : (n, 2) array of int
         Vertices of the input that were merged, ascending, and the vertices that they were merged
         into.
-    numbered : tuple of (n,) array of int, twice
+    numbered : two (n,) arrays of int
         The vertices of the input that the mesh has, ascending, including merged ones, and their
         rows in the mesh.
     file_name : str
@@ -353,7 +354,8 @@ class TriangleMesh(Display):
         if len(self.vertices) != self.file_vertex_count:
             expected += f" ({len(self.vertices)} of them kept)"
         raise FunctionError(
-            f"{len(values)} values for a mesh of {expected}. Use one value for each vertex"
+            f"{counted(len(values), 'value')} for a mesh of {expected}. Use one value "
+            "for each vertex"
         )
 
     def on_file(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:

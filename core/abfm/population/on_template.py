@@ -24,7 +24,7 @@ from abfm.registration.correspondence import Correspondence
 from abfm.types import FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
-"""Map of points of the template against the flow of the mean field."""
+"""Function that moves points of the template backwards along the flow of the mean field."""
 # bounds of reported area ratios
 _AREA_RATIO_MIN = 2.0**-20
 _AREA_RATIO_MAX = 2.0**20
@@ -101,7 +101,7 @@ def map_facts(
 def maps(
     found: Registration, surface: TriangleMesh, template: TriangleMesh, shift: Shift
 ) -> tuple[SurfaceMap, SurfaceMap]:
-    """Return the map from the template to a subject, initial and registered.
+    """Return the initial and the registered map from the template to a subject.
 
     The registered map follows the flow of the mean field, then the flow of the subject backwards,
     and then the initial map.

@@ -115,19 +115,19 @@ def find_outliers(
     for i in range(count):
         if not reasons[i] and _is_constant_or_unknown(data, i):
             reasons[i] = "its functions are constant or unknown everywhere"
-    counting = np.array([not reason for reason in reasons])
-    excluded = np.zeros(count, bool) if stays_excluded is None else counting & stays_excluded
-    fits = counting & ~excluded
+    compared = np.array([not reason for reason in reasons])
+    excluded = np.zeros(count, bool) if stays_excluded is None else compared & stays_excluded
+    fits = compared & ~excluded
     while True:
         others = data.others(fits)
         found = [_similarity(data, others, i, known[i]) for i in range(count)]
-        differences = _differences(found, counting)
+        differences = _differences(found, compared)
         reasons = [new or before for new, before in zip(differences, reasons, strict=True)]
         remaining = fits & np.array([not each for each in differences])
         if (remaining == fits).all():
             break
         fits = remaining
-    for i in np.flatnonzero(counting & ~fits).tolist():
+    for i in np.flatnonzero(compared & ~fits).tolist():
         reasons[i] += _sign_and_unit(data, others, i)
         if not reasons[i] and excluded[i]:
             reasons[i] = "it was an outlier in two earlier rounds, and was included between them"
@@ -173,33 +173,33 @@ def _similarity(
     )
 
 
-def _differences(found: Sequence[Similarity], counting: BoolArray) -> list[str]:
+def _differences(found: Sequence[Similarity], compared: BoolArray) -> list[str]:
     """Return for each of N subjects how it differs from the others; empty if it does not."""
     differences = ["" for _ in found]
     for i, each in enumerate(found):
-        if counting[i] and each.folded > FOLDED_SHARE_MAX:
+        if compared[i] and each.folded > FOLDED_SHARE_MAX:
             differences[i] = f"its map folds {100 * each.folded:.3g}% of the faces"
-    if counting.sum() < SUBJECTS_MIN:
+    if compared.sum() < SUBJECTS_MIN:
         return differences
     correlations, distances, changes = (
         np.array([getattr(each, name) for each in found])
         for name in ("correlation", "distance", "log2_area")
     )
     common = np.sign(correlations) * correlations**2
-    z_correlations = _robust_z(np.arctanh(np.clip(correlations, -1 + 1e-9, 1 - 1e-9)), counting)
+    z_correlations = _robust_z(np.arctanh(np.clip(correlations, -1 + 1e-9, 1 - 1e-9)), compared)
     z_distances, z_changes = (
-        _robust_z(np.log(np.maximum(each, 1e-9)), counting) for each in (distances, changes)
+        _robust_z(np.log(np.maximum(each, 1e-9)), compared) for each in (distances, changes)
     )
-    is_distorted = (changes > _RATIO_MAX * _median(changes, counting)) & (changes > _LOG2_AREA_MAX)
+    is_distorted = (changes > _RATIO_MAX * _median(changes, compared)) & (changes > _LOG2_AREA_MAX)
     rules = (
         (
             (z_correlations < -ROBUST_Z)
-            & (common < _EXPLAINED_RATIO_MIN * _median(common, counting)),
+            & (common < _EXPLAINED_RATIO_MIN * _median(common, compared)),
             correlations,
             "its correlation with the mean of the others is {:.2f} (median {:.2f})",
         ),
         (
-            (z_distances > ROBUST_Z) & (distances > _RATIO_MAX * _median(distances, counting)),
+            (z_distances > ROBUST_Z) & (distances > _RATIO_MAX * _median(distances, compared)),
             distances,
             "its distance to the mean of the others is {:.2g} deviations (median {:.2g})",
         ),
@@ -210,20 +210,20 @@ def _differences(found: Sequence[Similarity], counting: BoolArray) -> list[str]:
         ),
     )
     for is_outlier, numbers, words in rules:
-        for i in np.flatnonzero(is_outlier & counting).tolist():
-            reason = words.format(numbers[i], _median(numbers, counting))
+        for i in np.flatnonzero(is_outlier & compared).tolist():
+            reason = words.format(numbers[i], _median(numbers, compared))
             differences[i] = f"{differences[i]}; {reason}" if differences[i] else reason
     return differences
 
 
-def _median(values: FloatArray, counting: BoolArray) -> float:
-    known = values[counting & np.isfinite(values)]
+def _median(values: FloatArray, compared: BoolArray) -> float:
+    known = values[compared & np.isfinite(values)]
     return float(np.median(known)) if len(known) else math.nan
 
 
-def _robust_z(values: FloatArray, counting: BoolArray) -> FloatArray:
+def _robust_z(values: FloatArray, compared: BoolArray) -> FloatArray:
     """Return the robust z-scores of values (N,), from their median and MAD."""
-    known = counting & np.isfinite(values)
+    known = compared & np.isfinite(values)
     if not known.any():
         return np.full(len(values), np.nan)
     median = float(np.median(values[known]))

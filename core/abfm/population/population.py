@@ -201,7 +201,7 @@ class Population(Display):
         else:
             outcome = Outcome.NOT_REACHED
             reason = f"the mean changed by more than {self.bound:g} in the last round"
-            advice = "more rounds, which resume from these results"
+            advice = "allow more rounds; they continue from these results"
         outliers = [
             f"excluded: {one_line(self.names[i])}: {self.reasons[i]}"
             for i in self.worst_first()

@@ -42,6 +42,7 @@ from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.tasks.inputs import MESH_INPUTS, absolute, mesh_options
 from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.wording import counted
 from abfm.workers.control import checkpoint, current_control
 from abfm.workers.progress import step
 
@@ -214,7 +215,9 @@ class PopulationSolver:
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # for `abfm batch --status`
-        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
+        with step(
+            f"round {number}: registering", len(rows), f" {counted(len(rows), 'subject')}"
+        ) as done:
             count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
             def report(entry: LedgerEntry) -> None:
@@ -232,7 +235,7 @@ class PopulationSolver:
         self, tasks: Sequence[SubjectTransfer], label: str
     ) -> Generator[Answer, None, None]:
         """Yield the answers of transfers, in order."""
-        with step(label, len(tasks), f" {len(tasks)} subjects") as done:
+        with step(label, len(tasks), f" {counted(len(tasks), 'subject')}") as done:
             for count, answer in enumerate(self._workers.compute(tasks, current_control()), 1):
                 yield answer
                 done(count / len(tasks))
@@ -357,7 +360,7 @@ class PopulationSolver:
         self._require_two(failures)
         before, masks_before, after, masks, log2_areas = (stack.array() for stack in stacks)
         verdicts, facts, maps = zip(*others, strict=True)
-        with step("summing", about=f" {len(tasks)} subjects"):
+        with step("summing", about=f" {counted(len(tasks), 'subject')}"):
             data = self._comparison_data(after, masks)
             outliers = find_outliers(data, maps, failures, stays_excluded)
         digests = [

@@ -14,6 +14,7 @@ from abfm.functions import parse, quoted
 from abfm.population.settings import WEIGHT_MAX
 from abfm.reading.text_tables import parse_number
 from abfm.tasks.inputs import absolute, renamed_spec
+from abfm.wording import counted
 
 HELD_OUT_PREFIX = "held-out:"
 """Prefix of the column of a channel that is transferred but not used for registration."""
@@ -98,8 +99,8 @@ class Cohort:
             )
         if len(subject.functions) != len(self.channels):
             raise ParameterError(
-                f"{label} has {len(subject.functions)} functions, but there are "
-                f"{len(self.channels)} channels; give one function for each"
+                f"{label} has {counted(len(subject.functions), 'function')} for "
+                f"{counted(len(self.channels), 'channel')}; give one function for each"
             )
         for channel, text in zip(self.channels, subject.functions, strict=True):
             if not text and not channel.is_held_out:

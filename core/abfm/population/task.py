@@ -188,7 +188,10 @@ class PopulationTask(Task):
     def solve(self, monitor: Monitor) -> Population:
         """Return the population; a `CancelledError` stops it early and preserves finished rows."""
         if monitor.checkpoint is None:
-            raise ResultError("no folder for the registrations of the population is given")
+            raise ResultError(
+                "a population needs a folder for its registrations; set the checkpoint "
+                "of the monitor"
+            )
 
         def report_failure(entry: LedgerEntry) -> None:
             if entry.reason:

@@ -15,6 +15,7 @@ from abfm.errors import brief, did_you_mean, one_line
 from abfm.numerics.real_numbers import as_float64
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 _VERTEX_NAMES = (
     *("vertex", "vertexid", "vertexindex", "node", "nodeid", "nodeindex", "pointid", "index"),
@@ -22,7 +23,8 @@ _VERTEX_NAMES = (
 _UNNAMED_COLUMNS = ("", "unnamed:0")  # names that R and pandas write for the column of row names
 _AXES_MAX = 3
 _LABELS_ADVICE = (
-    "these are labels, which cannot be used as values. Use label=NAME for the region of a label, "
+    "the data are labels, which cannot be used as values. Use label=NAME for the region "
+    "of a label, "
     "abfm apply --labels to transfer labels, or abfm.functions.read_labels"
 )
 
@@ -122,16 +124,16 @@ class Columns:
         shape, counts = found.values.shape, counts_of(mesh)
         axis = vertex_axis(shape, counts, 0)
         if shape[axis] not in counts:
-            sizes = " x ".join(map(str, shape)) + " values" * (len(shape) == 1)
+            sizes = " x ".join(map(str, shape)) + (" value" if shape == (1,) else " values")
             if len(shape) == 2:
-                sizes = f"{shape[0]} rows and {shape[1]} columns"
+                sizes = f"{counted(shape[0], 'row')} and {counted(shape[1], 'column')}"
             hint = ""
             if shape[0] in [size + 1 for size in counts]:
                 hint = "; the first line may be names that look like numbers"
             elif {2 * size for size in counts} & {*shape}:
                 hint = "; if these are both hemispheres, use the half of this one"
             raise ValueError(
-                f"there are {sizes}, but the mesh has {counts[1]} vertices. Use one value per "
+                f"the data have {sizes}, but the mesh has {counts[1]} vertices. Use one value per "
                 f"vertex{hint}"
             )
         table = np.moveaxis(found.values, axis, 0)
@@ -237,8 +239,9 @@ class Columns:
         missing = "" if column is None else f", but none named {brief(column)}"
         missing += did_you_mean(column, self.names) if column else ""
         dense = numbers == tuple(map(str, range(count)))
-        by_number = f"0 to {count - 1}" if dense else " or ".join(numbers[:8])
-        raise ValueError(f"there are {count} columns{missing}. Choose column={by_number}{listed}")
+        by_number = f"0 to {count - 1}" if dense and count > 1 else " or ".join(numbers[:8])
+        columns = counted(count, "column")
+        raise ValueError(f"the data have {columns}{missing}. Choose column={by_number}{listed}")
 
     def of_values(self) -> Columns:
         """Return the columns without labels, or raise a ValueError if all columns have labels."""
@@ -253,7 +256,7 @@ class Columns:
         """Return the columns with labels, or raise a ValueError if no column has labels."""
         chosen = [k for k, keys in enumerate(self.keys) if keys is not None]
         if not chosen:
-            raise ValueError("these are values; expected labels with names")
+            raise ValueError("the data are values; expected labels with names")
         return self._only(chosen)
 
     def labels(self, column: str | int | None = None) -> Labels:

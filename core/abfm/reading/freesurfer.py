@@ -17,6 +17,7 @@ from abfm.errors import brief
 from abfm.reading.columns import Columns
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 FREESURFER_SURFACES = (
     *(".white", ".pial", ".inflated", ".smoothwm", ".orig", ".sphere", ".sphere.reg"),
@@ -99,8 +100,9 @@ def freesurfer_values(data: bytes) -> FloatArray:
     values = reader.array(">f4", (count,), "values")
     if reader.remaining:
         raise ValueError(
-            f"{reader.remaining} bytes follow the {count} values that the header announces; "
-            "expected none"
+            f"the header announces {counted(count, 'value')}, but "
+            f"{counted(reader.remaining, 'byte')} "
+            "more follow; expected none"
         )
     return values
 

@@ -173,7 +173,7 @@ class TestFigure5:
         [error] = [m for m in own.measures if name in m.name and "L2 error against" in m.name]
         assert error.value < 0.1
         assert error.reproduces is True
-        assert value(own, name, "order of that error") > 0.3
+        assert value(own, name, "order of the error against the exact u") > 0.3
         assert value(own, name, "order of the bracket") > 0.8
         assert value(own, name, "bracket norm relative") < 0.15 * value(own, name, "median")
         assert value(own, name, "exchanged") < 0.02

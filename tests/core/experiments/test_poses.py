@@ -96,8 +96,9 @@ def test_truncated_true_map_has_a_small_mismatch():
     target = poses.example(TABLE_1[12], [0, 1, 2], False).problem.target
     truth = PointMap.of_vertices(poses.b, poses.a)
     cut = truth.pull_back(maps.truncated_coordinates(poses.a, len(poses.true_map)))
-    left, whole = (l2_norm(poses.b, source - target) for source in (cut, maps.coordinates(poses.a)))
-    assert left < 0.4 * whole
+    sources = cut, maps.coordinates(poses.a)
+    truncated, complete = (l2_norm(poses.b, source - target) for source in sources)
+    assert truncated < 0.4 * complete
 
 
 def test_maps_without_flow_use_targets_and_start(poses):
@@ -108,7 +109,7 @@ def test_maps_without_flow_use_targets_and_start(poses):
     errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
     assert errors[maps.START] > 0.01  # large enough to improve
     assert errors[maps.ZOOM_OUT] < 0.7 * errors[maps.START]
-    assert errors[maps.TARGETS + maps.CUT_SUFFIX] < errors[maps.TARGETS]
+    assert errors[maps.TARGETS + maps.TRUNCATED_SUFFIX] < errors[maps.TARGETS]
 
 
 def test_zero_flow_gives_the_maps_without_flow(poses):
@@ -128,10 +129,10 @@ def test_figure_13_measures_the_effect_of_the_flow(comparison):
     measured = values(findings)
     targets = map_accuracy(comparison.maps[maps.TARGETS], most=1500).mean
     assert measured[f"{maps.TARGETS}: mean error, sqrt(area)"] == targets
-    adds = "what the flow adds: mean error of"
-    added = {name: value for name, value in measured.items() if name.startswith(adds)}
+    effect = "effect of the flow: mean error of"
+    added = {name: value for name, value in measured.items() if name.startswith(effect)}
     assert len(added) == 8
-    name = f"{adds} '3 functions' less that of '{maps.TARGETS}', sqrt(area)"
+    name = f"{effect} '3 functions' minus that of '{maps.TARGETS}', sqrt(area)"
     assert added[name] == measured["3 functions: mean error, sqrt(area)"] - targets
     [plot] = findings.sheet.rows[0]
     assert maps.TARGETS in [curve.name for curve in plot.curves]

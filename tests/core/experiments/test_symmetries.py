@@ -46,11 +46,11 @@ def test_flow_reaches_the_rotation():
     assert found[ERROR] < 0.02
     assert found["map error at τ by exact flow lines, mean"] < 0.02
     assert found["drift at 2 τ, mean, geodesic / √area"] < 0.05
-    assert found["advected points from the ends of exact flow lines, mean"] < 0.03
+    assert found["distance of advected points from the ends of exact flow lines, mean"] < 0.03
     assert found["map error with one Gaussian only, mean"] > 5 * found[ERROR]
     assert found["map error without cooling, mean"] > found[ERROR]
-    assert found["energy without cooling over the energy here"] > 1
-    assert found["mirror: vertices where the detected map is not the file's"] == 0
+    assert found["energy without cooling over the energy with cooling"] > 1
+    assert found["mirror: vertices where the detected map differs from the map of the file"] == 0
     assert found["mirror: map error with the three coordinates, mean"] > 0.03
     assert found["mirror: map error, mean"] > 0.1
     json.dumps([measure.to_dict() for measure in findings.measures])

@@ -11,6 +11,7 @@ from abfm.reading import (
     freesurfer_surface,
 )
 from abfm.reading import read_gifti as gifti
+from abfm.wording import counted
 
 _MNI_PROPERTIES = 5  # numbers that describe the reflection of light
 
@@ -22,8 +23,9 @@ def read_gifti(opened: Opened) -> FileContents:
     triangles = [array.values for array in found.arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
     if len(points) != 1 or len(triangles) != 1:
         raise ValueError(
-            f"it has {len(points)} point sets and {len(triangles)} triangle arrays; expected one "
-            "of each, as in a surface file (.surf.gii)"
+            f"the file has {counted(len(points), 'point set')} and "
+            f"{counted(len(triangles), 'triangle array')}; expected one of each, as in "
+            "a surface file (.surf.gii)"
         )
     vertices = np.asarray(points[0], dtype=np.float64)
     return FileContents(vertices, triangles[0], side=found.structure)
@@ -41,7 +43,11 @@ def read_quadrangles(opened: Opened) -> FileContents:
     first = np.where(even, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
     second = np.where(even, quads[:, [2, 3, 1]], quads[:, [0, 2, 3]])
     faces = np.stack([first, second], axis=1).reshape(-1, 3)
-    return FileContents(vertices, faces, (f"{len(quads)} quadrangles were split into triangles",))
+    return FileContents(
+        vertices,
+        faces,
+        (f"{counted(len(quads), 'quadrangle was', 'quadrangles were')} split into triangles",),
+    )
 
 
 def read_ascii_surface(opened: Opened) -> FileContents:

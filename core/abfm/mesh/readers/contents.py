@@ -8,6 +8,7 @@ import numpy as np
 
 from abfm.reading import number
 from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.wording import counted
 
 _CORNERS_MAX = 1 << 18  # of one polygon
 _CHUNK_CORNERS = 1 << 15  # number of corners processed together; they fit the CPU caches
@@ -49,7 +50,8 @@ class Lists:
     def add_vertex(self, words: Sequence[str]) -> None:
         if len(words) < 3:
             raise ValueError(
-                f"vertex {self.vertex_count}, counting from 0, has {len(words)} coordinates; "
+                f"vertex {self.vertex_count}, counting from 0, has "
+                f"{counted(len(words), 'coordinate')}; "
                 "expected 3"
             )
         self._points.extend(map(number, words[:3]))
@@ -105,7 +107,8 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     if sizes.min() < 3:
         face = np.argmax(sizes < 3)
         raise ValueError(
-            f"face {face}, counting from 0, has {sizes[face]} corners; expected 3 or more"
+            f"face {face}, counting from 0, has {counted(sizes[face], 'corner')}; "
+            "expected 3 or more"
         )
     if sizes.max() > _CORNERS_MAX:
         raise ValueError(
@@ -130,10 +133,10 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     if corners.min() >= 0 and corners.max() < len(vertices):  # else the mesh is refused later
         crossing = _clip(vertices, sizes, corners, faces)
         if len(crossing):
+            phrases = "polygon intersects itself", "polygons intersect themselves"
             messages.append(
-                f"warning: {len(crossing)} of these polygons intersect themselves (for example "
-                f"face {crossing[0]}, counting from 0). They were split into fans around their "
-                "first corner"
+                f"warning: {counted(len(crossing), *phrases)} (for example face {crossing[0]}, "
+                "counting from 0). Such polygons were split into fans around their first corner"
             )
     return FileContents(vertices, faces, tuple(messages))
 

@@ -15,6 +15,7 @@ import numpy as np
 from abfm.mesh.readers.contents import FileContents, Lists, split_polygons
 from abfm.reading import Opened, Words, decoded, integer, number, split_lists
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 _HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
 _ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
@@ -99,7 +100,7 @@ class _Text:
             return None
         return ValueError(
             f"the file is cut off: it announces {self._vertex_count} vertices and "
-            f"{self._face_count} faces, but only {found} lines follow"
+            f"{self._face_count} faces, but only {counted(found, 'line follows', 'lines follow')}"
         )
 
     def _by_lines(self, width_min: int) -> tuple[_Parts, int]:
@@ -111,8 +112,8 @@ class _Text:
         for words in islice(rows, self._vertex_count):
             if len(words) < width_min:
                 raise ValueError(
-                    f"vertex {len(points) // self._columns}, counting from 0, has {len(words)} "
-                    f"numbers; expected {width_min}"
+                    f"vertex {len(points) // self._columns}, counting from 0, has "
+                    f"{counted(len(words), 'number')}; expected {width_min}"
                 )
             points.extend(map(number, words[: self._columns]))
         if len(points) < self._vertex_count * self._columns:

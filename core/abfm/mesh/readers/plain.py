@@ -8,6 +8,7 @@ import numpy as np
 from abfm.mesh.readers.contents import FileContents, Lists, merge_by_position
 from abfm.reading import Opened, decoded, integer
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _HEAD = 1000  # number of characters in which a binary file has a zero byte
 _COMMENT = re.compile(r"#.*")  # to the end of its line, even after a backslash
@@ -109,13 +110,20 @@ def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
         )
     if body < count * size:
         raise ValueError(
-            f"the header announces {count} triangles, but the file has bytes for {body // size}; "
+            f"the header announces {counted(count, 'triangle')}, but the file has bytes for "
+            f"{body // size}; "
             "it may be cut off"
         )
     if count == 0 or body % size == 0:
-        note = f"the header announces {count} triangles; all {body // size} in the file were read"
+        note = (
+            f"the header announces {counted(count, 'triangle')}; all {body // size} "
+            "in the file were read"
+        )
         return body // size, (note,)
-    return count, (f"{body - count * size} bytes after the {count} triangles were ignored",)
+    return count, (
+        f"{counted(body - count * size, 'byte was', 'bytes were')} ignored after "
+        f"{counted(count, 'triangle')}",
+    )
 
 
 def _text_corners(text: str) -> tuple[FloatArray, tuple[str, ...]]:

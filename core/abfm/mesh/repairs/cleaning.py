@@ -12,10 +12,11 @@ import heapq
 import numpy as np
 
 from abfm.errors import MeshError
-from abfm.mesh.draft import Draft, counted
+from abfm.mesh.draft import Draft
 from abfm.mesh.face_sizes import flat_faces, side_lengths, twice_areas
 from abfm.mesh.topology import connected, edges_of_faces, equal_rows
 from abfm.types import BoolArray, IntArray
+from abfm.wording import counted
 
 # shortest over longest side of a face without area, up to which the ends of that side are merged
 _ASPECT_RATIO_MAX = 1e-6

@@ -3,10 +3,11 @@
 import numpy as np
 
 from abfm.errors import MeshError
-from abfm.mesh.draft import Draft, counted
+from abfm.mesh.draft import Draft
 from abfm.mesh.face_sizes import side_lengths
 from abfm.mesh.topology import connected, equal_rows
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 RELATIVE_DISTANCE = 1e-6  # of the diagonal of the bounding box
 _PAIRS_MAX = 30_000_000
