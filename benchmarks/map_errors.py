@@ -97,7 +97,7 @@ def map_distance(first: PointMap, second: PointMap) -> float:
     return float(np.average(distances, weights=vertex_areas(mesh)) / mesh.length_scale)
 
 
-def _posed(trial: Trial, folder: Path) -> MeasuredProblem:
+def _measured_problem(trial: Trial, folder: Path) -> MeasuredProblem:
     """Return the matches of a trial, with defaults and with each of `SIGMAS`."""
     flow, f = trial.flow(), trial.texture()
     truth = flow.point_map()
@@ -156,14 +156,14 @@ def run(trials: Trials) -> Report:
     ``problem``, the result by ``defaults``, and those with each ``fixed`` sigma.
     """
 
-    def pose(folder: Path) -> Iterator[MeasuredProblem]:
+    def create(folder: Path) -> Iterator[MeasuredProblem]:
         for trial in map_problems(trials.meshes, trials.seed, trials.count):
             try:
-                yield _posed(trial, folder)
+                yield _measured_problem(trial, folder)
             except AbfmError as error:  # for meshes without such a flow
                 trials.log(f"skipped: {trial.mesh_name}: {error}")
 
-    rows = measured(trials, pose, lambda row: ", ".join(_cells(row)))
+    rows = measured(trials, create, lambda row: ", ".join(_cells(row)))
     return trials.report(rows, noise=NOISE)
 
 

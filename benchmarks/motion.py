@@ -109,8 +109,10 @@ def compared(
         for s in SMOOTHNESSES
     ]
     means = np.mean(linear, axis=1)
-    own = [np.mean([errors(i, each.velocity[i]) for i in intervals], axis=0) for each in found]
-    return np.array([means[means.prod(axis=1).argmin()], *own])
+    sequence_errors = [
+        np.mean([errors(i, each.velocity[i]) for i in intervals], axis=0) for each in found
+    ]
+    return np.array([means[means.prod(axis=1).argmin()], *sequence_errors])
 
 
 def error_cells(errors: FloatArray) -> list[str]:

@@ -254,7 +254,7 @@ def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Repor
     """
     used = Parameters.of(**parameters)
 
-    def pose(folder: Path) -> Iterator[MeasuredProblem]:
+    def create(folder: Path) -> Iterator[MeasuredProblem]:
         for trial in success_problems(trials.meshes, trials.seed, trials.count):
             try:
                 described = trial.to_dict()
@@ -265,7 +265,7 @@ def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Repor
             except AbfmError as error:  # for meshes on which a function is undefined
                 trials.log(f"skipped: {trial.mesh_name}: {error}")
 
-    rows = measured(trials, pose, _line)
+    rows = measured(trials, create, _line)
     return trials.report(rows, solvable=only_solvable, level=GOAL, parameters=used.to_dict())
 
 

@@ -60,7 +60,9 @@ class MeasuredProblem:
 
 
 def measured(
-    trials: Trials, pose: Callable[[Path], Iterator[MeasuredProblem]], line: Callable[[Report], str]
+    trials: Trials,
+    create: Callable[[Path], Iterator[MeasuredProblem]],
+    line: Callable[[Report], str],
 ) -> list[Report]:
     """Solve problems in a folder, and return the measurements of the finished ones, in order.
 
@@ -69,26 +71,26 @@ def measured(
 
     Parameters
     ----------
-    pose : function
+    create : function
         Yields the problems, whose files are in a folder.
     line : function
         Returns the line of a measurement.
     """
     with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
         trials.log("preparing problems")
-        posed = [*takewhile(lambda _: not trials.control.cancelled, pose(folder))]
+        problems = [*takewhile(lambda _: not trials.control.cancelled, create(folder))]
         found, entries = dict[int, Report](), dict[str, LedgerEntry]()
 
         def note(entry: LedgerEntry) -> None:
             entries[entry.row.key] = entry
-            for number, problem in enumerate(posed):
+            for number, problem in enumerate(problems):
                 keys = {name: row.key for name, row in problem.matches.items()}
                 if number not in found and entries.keys() >= set(keys.values()):
-                    own = {name: entries[key] for name, key in keys.items()}
-                    found[number] = problem.measure(own)
-                    trials.log(f"{len(found)}/{len(posed)} {line(found[number])}")
+                    matched = {name: entries[key] for name, key in keys.items()}
+                    found[number] = problem.measure(matched)
+                    trials.log(f"{len(found)}/{len(problems)} {line(found[number])}")
 
-        rows = [row for problem in posed for row in problem.matches.values()]
+        rows = [row for problem in problems for row in problem.matches.values()]
         for entry in batch.Ledger(folder).entries(rows):
             if entry.state == "done" and not trials.control.cancelled:
                 note(entry)

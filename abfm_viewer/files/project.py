@@ -160,7 +160,7 @@ def save_project(
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
     """Read a document and its values from other files; a damaged file raises a `ResultError`."""
     with results.open_archive(path, "project", "Use another copy of the file") as archive:
-        if results.is_own(archive):
+        if results.has_format_version(archive):
             raise ResultError(
                 "a result file, not a project; rename it so that its name ends in .npz"
             )

@@ -231,10 +231,10 @@ class Parameters(Settings):
             object.__setattr__(self, "solver", replace(self.solver, segments=10))
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         try:
-            hottest = self.stage_sigmas()[0]
+            first_sigma = self.stage_sigmas()[0]
         except OverflowError:
-            hottest = math.inf
-        if not hottest < 1e150:
+            first_sigma = math.inf
+        if not first_sigma < 1e150:
             raise ParameterError(
                 f"cooling_stages is {stages} and cooling_factor is {factor:g}, so the first sigma "
                 "would overflow; use fewer stages or a smaller factor"

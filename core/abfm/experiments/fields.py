@@ -87,17 +87,17 @@ def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArra
 
 
 def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
-    """Return the tangential part of vectors at the face centers, (F, 3)."""
+    """Return the tangential part of vectors at the face centres, (F, 3)."""
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
 def face_centers(mesh: TriangleMesh) -> FloatArray:
-    """Return the face centers, (F, 3)."""
+    """Return the face centres, (F, 3)."""
     return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus with the distances of its face centers from its axis, and the angular fields.
+    """Return a torus with the distances of its face centres from its axis, and the angular fields.
 
     The fields rotate about the axis and around the tube, (F, 3).
     """
@@ -114,7 +114,7 @@ def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def speed_streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
-    """Return streaks of a field, colored by its speed."""
+    """Return streaks of a field, coloured by its speed."""
     return Streaks(field, speed(mesh, field), "speed")
 
 

@@ -95,7 +95,7 @@ def match_one_to_two(
     of_mismatch = "mismatch at tau, relative to the target in L2"
     matches = "the advected source matches the target"
     of_range = "largest over- or undershoot until tau, as a share of the functions' range"
-    drift, keeps = "drift of the mass at tau", "a small sigma keeps the drift small"
+    drift, drift_claim = "drift of the mass at tau", "a small sigma keeps the drift small"
     measures = [
         Measure(of_mismatch, error, matches, error <= _MISMATCH_MAX, _MISMATCH_MAX),
         *verification,
@@ -104,7 +104,7 @@ def match_one_to_two(
     if len(drifts) > 1:
         first, last = (f"{drift}, with the {which} stage's sigma" for which in ("first", "last"))
         measures.append(Measure(first, drifts[0]))
-        measures.append(Measure(last, drifts[-1], keeps, drifts[-1] < drifts[0]))
+        measures.append(Measure(last, drifts[-1], drift_claim, drifts[-1] < drifts[0]))
     else:
         measures.append(Measure(drift, drifts[0]))
     drift_max = abs(masses / masses[0] - 1).max()

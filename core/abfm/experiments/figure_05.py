@@ -80,7 +80,7 @@ def figure_5(setup: FigureSetup) -> Script:
                 Measure(f"{name}: order of the error against the exact u", of_errors),
                 Measure(f"{name}: roughness of the exact u", case.roughness),
             ]
-        # no colors if u is known: the speed of u is only informative on a given mesh
+        # no colours if u is known: the speed of u is only informative on a given mesh
         paint = fields.speed_streaks if case.u is None else lambda mesh, field: Streaks(field)
         v_panel = Panel(mesh, paint(mesh, v), "v", "field")
         rows.append((v_panel, Panel(mesh, paint(mesh, u), "u", "result")))
@@ -153,7 +153,7 @@ def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]
     ring, height = radius * np.sin(polar), radius * np.cos(polar)
     lengths = np.hypot(np.diff(ring), np.diff(height))
     cells = ring[1::2] * (lengths[::2] + lengths[1::2])  # areas divided by 2 pi
-    gaps = lengths[1:-1:2] + lengths[2::2]  # distances between cell centers
+    gaps = lengths[1:-1:2] + lengths[2::2]  # distances between cell centres
     fluxes = ring[2:-1:2] / gaps
     diagonal = (np.append(fluxes, 0) + np.append(0, fluxes)) / cells
     values, vectors = eigh_tridiagonal(

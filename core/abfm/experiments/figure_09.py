@@ -52,10 +52,10 @@ def figure_9(setup: FigureSetup) -> Script:
     if scene.is_rotation:
         alone = scene.problem([scene.bump(scene.marked_vertices[0])], p)
         uncooled = p.with_values(cooling_stages=1, iterations=min(p.solver.iterations, 150))
-        hotter = scene.problem(scene.coordinate_specs(), uncooled)
+        without_cooling = scene.problem(scene.coordinate_specs(), uncooled)
         requested += [
             RequestedMatch(alone, "one function", 0.2),
-            RequestedMatch(hotter, "without cooling", 0.25),
+            RequestedMatch(without_cooling, "without cooling", 0.25),
         ]
     if setup.mesh is None:
         # a function and its mirror image, and the mirror map, which no flow reaches
@@ -71,16 +71,16 @@ def figure_9(setup: FigureSetup) -> Script:
     rows, measures = [function_row(found), scene.map_row(found)], scene.measures_of(found)
     qualities = scripts.flow_map_measures(found, "the map", _MEASURED_TIMES)
     if scene.is_rotation:
-        one, hot = others[:2]
-        of_one, of_hot = scene.mean_errors(one, hot)
-        energies = [match.energy_history[-1, 0] for match in (hot, found)]
+        one, uncooled_match = others[:2]
+        of_one, of_uncooled = scene.mean_errors(one, uncooled_match)
+        energies = [match.energy_history[-1, 0] for match in (uncooled_match, found)]
         measures += [
             Measure("mismatch with one Gaussian as the only function", one.mismatch),
             Measure("map error with one Gaussian only, mean", of_one),
             Measure(
                 "energy without cooling over the energy with cooling", energies[0] / energies[1]
             ),
-            Measure("map error without cooling, mean", of_hot),
+            Measure("map error without cooling, mean", of_uncooled),
         ]
     if setup.mesh is None:
         bumps, as_map = others[-2:]
@@ -200,8 +200,8 @@ class SymmetryScene:
         mesh, x = self.mesh, self.mesh.vertices
         front = np.ones(len(x), dtype=bool)
         if self.is_rotation:
-            looks = averaging(mesh) @ (face_normals(mesh) @ self.symmetry.axis)
-            front = looks > 0.9 * looks.max()
+            facing = averaging(mesh) @ (face_normals(mesh) @ self.symmetry.axis)
+            front = facing > 0.9 * facing.max()
         vertex = int(np.where(front, self.displacements, -1).argmax())
         marked_vertices = [vertex, int(self.symmetry.vertex_map[vertex])]
         distances = np.linalg.norm(x[:, None] - x[marked_vertices], axis=2).min(axis=1)
@@ -211,7 +211,7 @@ class SymmetryScene:
         return scripts.gaussian(self.mesh, vertex, _GAUSSIAN_WIDTH)
 
     def coordinate_specs(self) -> tuple[str, ...]:
-        """Return specifications of centered coordinates in sqrt(area), all of similar size."""
+        """Return specifications of centred coordinates in sqrt(area), all of similar size."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -275,7 +275,7 @@ class SymmetryScene:
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:
-        """Show coordinates as colors advected by the flow, and marked points that move with it."""
+        """Show coordinates as colours advected by the flow, and marked points that move with it."""
         panels = []
         for share, label in _SHOWN_TIMES.items():
             time = share * match.parameters.tau

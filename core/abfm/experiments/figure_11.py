@@ -286,7 +286,7 @@ class Poses:
         return (
             f"{scripts.size_text(self.description, self.b)}. Functions: coordinates "
             f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area). Start: nearest "
-            f"neighbors in the spectral embedding, {_START_MODES} eigenfunctions. Targets: true "
+            f"neighbours in the spectral embedding, {_START_MODES} eigenfunctions. Targets: true "
             f"functional map, {k} x {k}. Parameters of Table 1, "
             f"{problem.parameters.solver.iterations} iterations"
         )
@@ -299,7 +299,7 @@ class Poses:
 
 @per_mesh
 def coordinates(mesh: TriangleMesh) -> FloatArray:
-    """Return centered coordinates in units of sqrt(area), (V, 3)."""
+    """Return centred coordinates in units of sqrt(area), (V, 3)."""
     places = mesh.normalized().vertices
     return np.asarray(places - vertex_areas(mesh.normalized()) @ places)
 
@@ -418,7 +418,7 @@ def comparison_of(
     setting = (
         f"Reduced basis: {k} eigenfunctions, {2 * count} fields, sigma {_SIGMA:g}. Maps are "
         "closest points of A to the advected coordinates, also with truncated coordinates of A. "
-        "Others are the initial map composed with exact flow lines, and nearest neighbors by the "
+        "Others are the initial map composed with exact flow lines, and nearest neighbours by the "
         "flow's functional map"
     )
     return Comparison(one, three, by_one_flow, reduced, reduced_functions, read, qualities, setting)
@@ -438,7 +438,7 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 
 
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
-    """Recover the maps of a match by flow lines and by nearest neighbors, by name."""
+    """Recover the maps of a match by flow lines and by nearest neighbours, by name."""
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)

@@ -263,7 +263,7 @@ def name_of(path: File) -> str:
     return one_line(name)
 
 
-def is_own(archive: Mapping[str, Any]) -> bool:
+def has_format_version(archive: Mapping[str, Any]) -> bool:
     """Return whether an archive was written by `save_arrays`."""
     return "format_version" in archive
 

@@ -117,8 +117,8 @@ def _merged(draft: Draft) -> Draft | None:
         return None
     component = components(draft)
     different = topology.equal_rows(np.sort(found.faces, axis=1))[0]
-    alike = component.max() > 0 and np.ptp(component[different]) == 0
-    return None if alike or len(found.vertices) == len(draft.vertices) else found
+    at_same_place = component.max() > 0 and np.ptp(component[different]) == 0
+    return None if at_same_place or len(found.vertices) == len(draft.vertices) else found
 
 
 def _checked(draft: Draft) -> Draft:
@@ -342,7 +342,7 @@ def _orient_consistently(draft: Draft) -> None:
     if one_sided.any():
         raise DefectError(
             f"the surface is not orientable, like a Moebius strip ({one_sided.sum()} of "
-            f"its {count} faces lie on a one-sided piece, for example face "
+            f"{count} faces on a one-sided piece, for example face "
             f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0)",
             "Cut the surface open",
         )

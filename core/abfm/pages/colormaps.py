@@ -1,6 +1,6 @@
-"""Color maps for lit surfaces, suitable for printing and color-blind readers.
+"""Colour maps for lit surfaces, suitable for printing and colour-blind readers.
 
-A neutral value is light gray, or dark gray on dark backgrounds. Lightness changes monotonically
+A neutral value is light grey, or dark grey on dark backgrounds. Lightness changes monotonically
 away from it.
 """
 
@@ -16,14 +16,14 @@ from abfm.types import BoolArray, FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
 _DARK_NAMES = {name: f"{name} dark" for name in NAMES[:2]}
-# Uniformly spaced colors (101, 3) in linear light. They interpolate a few stops in Oklab, and are
+# Uniformly spaced colours (101, 3) in linear light. They interpolate a few stops in Oklab, and are
 # stored because importing SciPy for the interpolation would be slow.
-_STOPS = 16  # colors of a CSS gradient
+_STOPS = 16  # colours of a CSS gradient
 _TABLE_ENTRIES = 1024  # fine enough that steps are invisible
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK_NAMES.values()), np.split(_ROWS, 8, axis=1), strict=True))
-NO_VALUES = 0.3  # gray of unknown values, in linear light
-# percentiles of values at the ends of the colors, which exclude extreme noise
+NO_VALUES = 0.3  # grey of unknown values, in linear light
+# percentiles of values at the ends of the colours, which exclude extreme noise
 _SHOWN_PERCENTILES = 0.2, 99.8
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
@@ -37,7 +37,7 @@ class ColorRange:
 
 
 def for_background(colormap: str, is_dark: bool) -> str:
-    """Return the variant of a color map for a light or a dark background."""
+    """Return the variant of a colour map for a light or a dark background."""
     return _DARK_NAMES.get(colormap, colormap) if is_dark else colormap
 
 
@@ -54,7 +54,7 @@ def color_range(*functions: FloatArray) -> ColorRange:
     if min(-low, high) > 0.05 * largest:
         return ColorRange("abfm diverging", -largest, largest)
     if high - low <= 1e-12 * max(largest, 1e-300):
-        # 0.5 is rounded away next to large numbers, but a color bar needs a length
+        # 0.5 is rounded away next to large numbers, but a colour bar needs a length
         margin = max(0.5, 1e-12 * largest)
         return ColorRange("abfm sequential", low - margin, high + margin)
     is_almost_0 = -1e-9 * largest < low < 0.02 * largest
@@ -73,33 +73,33 @@ def typical_range(*functions: FloatArray) -> ColorRange:
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return colors in linear light of positions (V, 3) in the bounding box of vertices."""
+    """Return colours in linear light of positions (V, 3) in the bounding box of vertices."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return np.asarray(np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) ** 2.2)
 
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
-    """Return the colors of a map from low to high, (size, 3), sRGB in 0 to 1."""
+    """Return the colours of a map from low to high, (size, 3), sRGB in 0 to 1."""
     linear = linear_table(colormap, size)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def linear_table(colormap: str, size: int) -> FloatArray:
-    """Return the colors of `table` in linear light, as polyscope expects them."""
+    """Return the colours of `table` in linear light, as polyscope expects them."""
     rows = _TABLES[colormap]
     place = np.linspace(0, len(rows) - 1, size)
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
 
 
 def gradient(colormap: str) -> list[str]:
-    """Return the colors of a map from low to high, for a CSS gradient."""
+    """Return the colours of a map from low to high, for a CSS gradient."""
     colors = np.round(255 * table(colormap, _STOPS)).astype(int)
     return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
 
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
-    """Return the colors of values (N,) in linear light, (N, 3); unknown values are gray."""
+    """Return the colours of values (N,) in linear light, (N, 3); unknown values are grey."""
     table = linear_table(colors.colormap, _TABLE_ENTRIES)
     share = (values - colors.low) / (colors.high - colors.low)
     entries = np.clip(np.nan_to_num(share) * (_TABLE_ENTRIES - 1) + 0.5, 0, _TABLE_ENTRIES - 1)
@@ -109,11 +109,11 @@ def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> F
 
 
 def polyscope_name(colormap: str) -> str:
-    """Return the name of a color map in polyscope, which must differ from its built-in names."""
+    """Return the name of a colour map in polyscope, which must differ from its built-in names."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 
 def colormap_images() -> dict[str, NDArray[np.uint8]]:
-    """Return all color maps by name as images (1, 1024, 3) in linear light, before gamma."""
+    """Return all colour maps by name as images (1, 1024, 3) in linear light, before gamma."""
     tables = {name: linear_table(name, 1024)[None] for name in _TABLES}
     return {name: np.round(255 * table).astype(np.uint8) for name, table in tables.items()}

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.types import FloatArray
 
 LEVELS = 4095
-"""Number of steps between the minimum and the maximum; a color map has 256 colors."""
+"""Number of steps between the minimum and the maximum; a colour map has 256 colours."""
 NO_VALUE = 65535
 """Number that represents an unknown value."""
 _COORDINATE_LEVELS = 65535  # steps along each side of the bounding box
@@ -42,7 +42,7 @@ class Quantized:
 def quantized(values: ArrayLike) -> Quantized:
     """Return values (T, V) in `LEVELS` steps between the finite minimum and maximum.
 
-    Infinite values and NaN have no color; both are `NO_VALUE`.
+    Infinite values and NaN have no colour; both are `NO_VALUE`.
     """
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)

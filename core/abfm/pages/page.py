@@ -31,7 +31,7 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
-_COLORS = 256  # entries of a color map
+_COLORS = 256  # entries of a colour map
 _PLAY_SECONDS = (0.1, 3600.0)  # minimum and maximum duration of playing
 _TAIL_MAX = 1e30  # a tail that never fades
 
@@ -41,9 +41,9 @@ Color = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Values shown by colors: (V,), or (T, V) at T increasing times.
+    """Values shown by colours: (V,), or (T, V) at T increasing times.
 
-    The page interpolates linearly between two times. NaN is drawn in gray. Values are stored with a
+    The page interpolates linearly between two times. NaN is drawn in grey. Values are stored with a
     precision of 1/8190 of their range (``packing.LEVELS``).
     """
 
@@ -295,7 +295,7 @@ class _PageData:
 
 
 def _centered(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
-    """Return centered points in sqrt(area), because graphics cards have a precision of 7 digits."""
+    """Return centred points in sqrt(area), because graphics cards have a precision of 7 digits."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     return np.asarray((points - middle) / mesh.length_scale)
 
@@ -313,7 +313,7 @@ def _clock(clock: Clock) -> dict[str, Any]:
 
 
 def _bytes(colormap: str) -> Any:
-    """Return the colors of a map as (1, 4 * 256) bytes: red, green, blue and opacity."""
+    """Return the colours of a map as (1, 4 * 256) bytes: red, green, blue and opacity."""
     colors = np.full((_COLORS, 4), 255, dtype=np.uint8)
     colors[:, :3] = np.round(255 * table(colormap, _COLORS))
     return colors.reshape(1, -1)

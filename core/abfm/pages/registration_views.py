@@ -1,4 +1,4 @@
-"""Views and colors of two corresponding surfaces."""
+"""Views and colours of two corresponding surfaces."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
 def _rotation(found: Correspondence) -> FloatArray:
     """Return the orthogonal matrix (3, 3) that rotates B to its points on A (Kabsch 1976).
 
-    The matrix minimises the distances of centered points. For a mirrored map it is a reflection.
+    The matrix minimises the distances of centred points. For a mirrored map it is a reflection.
     """
     if found.a is found.b:
         return np.eye(3)
@@ -61,7 +61,7 @@ def mask_indicator(match: Match) -> FloatArray:
 
 
 def common_colors(match: Match, channel: int) -> ColorRange:
-    """Return one color range for source and target of a channel, without extreme values.
+    """Return one colour range for source and target of a channel, without extreme values.
 
     Only vertices where the mismatch is evaluated are used.
     """

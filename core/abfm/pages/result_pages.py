@@ -105,8 +105,10 @@ def registration_page(
     landmarks_on_a = _landmarks_on_a(found)
     panels = [Panel("A", found.a, layers_of_a, of_a, landmarks_on_a), advected]
     if not of_landmarks:
-        own = [Layer(name, match.target[:, c], colors) for c, (name, colors) in enumerate(shown)]
-        panels.append(Panel("B", found.b, own, of_b, _landmarks(match, 1)))
+        target_layers = [
+            Layer(name, match.target[:, c], colors) for c, (name, colors) in enumerate(shown)
+        ]
+        panels.append(Panel("B", found.b, target_layers, of_b, _landmarks(match, 1)))
     about = f"Surface A, {_size_text(found.a)}, registered to surface B, {_size_text(found.b)}"
     page = _page(found, title, about, panels)
     facts = {**page.facts, "A covered": f"{100 * found.coverage():.3g}%"}
@@ -180,7 +182,7 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
 
 
 def _layers(found: Population, c: int) -> list[Layer]:
-    """Return the two means of a channel, in one range of colors, and its deviation."""
+    """Return the two means of a channel, in one range of colours, and its deviation."""
     means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
     name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
     of_means = typical_range(*means)
@@ -193,7 +195,7 @@ def _layers(found: Population, c: int) -> list[Layer]:
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
-    """Return names and colors of the functions to show.
+    """Return names and colours of the functions to show.
 
     For landmarks alone, these are the coordinates of ``a``.
     """

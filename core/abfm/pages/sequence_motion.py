@@ -20,7 +20,7 @@ CRITICAL_COLORS = {
     "spiral": (0.541, 0.247, 1.000, 1.0),
     "saddle": (0.851, 0.102, 0.569, 1.0),
 }
-"""Colors of critical points by kind, sRGB with alpha; they differ from the colors of functions."""
+"""Colours of critical points by kind, sRGB with alpha; they differ from those of functions."""
 _PIECE_LENGTH = 0.01  # sqrt(area): longer pieces of a path could cut through the surface
 
 

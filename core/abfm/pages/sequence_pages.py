@@ -41,7 +41,7 @@ _ARROWS_MAX = 40_000  # in all intervals
 _ARROW_LENGTH_MAX = 0.92  # of the distance between two arrows
 _ARROW_SPEED_MIN = 0.2  # of the speed of the longest arrow
 _ARROW_COSINE_MIN = 0.6  # of the angle between normals along an arrow
-_COLOR_PERCENTILE = 99.5  # of absolute values, at the ends of the colors
+_COLOR_PERCENTILE = 99.5  # of absolute values, at the ends of the colours
 _INK_COLOR: Color = (0.11, 0.13, 0.17)
 
 
@@ -140,7 +140,7 @@ def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ())
 
 
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
-    """Return a layer with symmetric colors, which a few extreme values do not change.
+    """Return a layer with symmetric colours, which a few extreme values do not change.
 
     The values may be subsampled in time.
     """
@@ -223,7 +223,7 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
     areas = vertex_areas(sequence.mesh)
     return [
         f"{share(float(areas[unknown].sum() / areas.sum()))} of the surface has no value or weight "
-        "0; it is not compared, and it is gray"
+        "0; it is not compared, and it is grey"
     ]
 
 

@@ -49,7 +49,7 @@ class SubjectData(NamedTuple):
         """Evaluate functions from texts; an empty text is an unknown function.
 
         Vertices where a function is NaN or the mask is 0 have weight 0. Their values are filled
-        from neighboring vertices.
+        from neighbouring vertices.
         """
         known_texts = [text for text in texts if text]
         weight = checked_mask(mesh, mask, "the subject")

@@ -150,8 +150,8 @@ def repeated_outliers(rounds: Sequence[BoolArray]) -> BoolArray:
 
 def _is_constant_or_unknown(data: ComparisonData, subject: int) -> bool:
     known_areas = data.known_areas(subject)
-    own = [each[subject] for each in data.values]
-    return any(math.isnan(correlation(each, each, known_areas)) for each in own)
+    functions = [each[subject] for each in data.values]
+    return any(math.isnan(correlation(each, each, known_areas)) for each in functions)
 
 
 def _similarity(
@@ -234,23 +234,23 @@ def _robust_z(values: FloatArray, compared: BoolArray) -> FloatArray:
 def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject: int) -> str:
     """Return a hint if the values of a subject seem to have another sign, unit or offset."""
     for each, rest in zip(data.values, others, strict=True):
-        own, mean_of_others = each[subject], rest.without(subject)
-        known = (data.known_areas(subject) > 0) & np.isfinite(own) & np.isfinite(mean_of_others)
+        values, mean_of_others = each[subject], rest.without(subject)
+        known = (data.known_areas(subject) > 0) & np.isfinite(values) & np.isfinite(mean_of_others)
         if not known.any():
             continue
         weights = data.areas[known] / data.areas[known].sum()
-        own_mean, mean = weights @ own[known], weights @ mean_of_others[known]
-        own_deviations, deviations = own[known] - own_mean, mean_of_others[known] - mean
-        own_norm, norm = (math.sqrt(weights @ one**2) for one in (own_deviations, deviations))
+        value_mean, mean = weights @ values[known], weights @ mean_of_others[known]
+        value_deviations, deviations = values[known] - value_mean, mean_of_others[known] - mean
+        own_norm, norm = (math.sqrt(weights @ one**2) for one in (value_deviations, deviations))
         if norm == 0:
             continue
-        if weights @ (own_deviations * deviations) < _OPPOSITE_CORRELATION * own_norm * norm:
+        if weights @ (value_deviations * deviations) < _OPPOSITE_CORRELATION * own_norm * norm:
             return "; its values have the opposite sign"
         if not 1 / _SPREAD_RATIO_MAX < own_norm / norm < _SPREAD_RATIO_MAX:
             ratio = own_norm / norm
             text = f"its values vary {ratio:.2g} times as much over the surface"
             return f"; {text}, as in another unit"
-        if abs(own_mean - mean) > norm:
-            shift = (own_mean - mean) / norm
+        if abs(value_mean - mean) > norm:
+            shift = (value_mean - mean) / norm
             return f"; the mean of its values differs by {shift:.2g} deviations"
     return ""

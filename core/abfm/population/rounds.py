@@ -4,7 +4,7 @@ Each round registers all subjects to a target. The mean of the registered subjec
 the next round.
 
 The mean is unbiased to first order. The fields of the registrations are stationary velocities, and
-their mean measures the offset of the target from the center of all subjects. To prevent a drift of
+their mean measures the offset of the target from the centre of all subjects. To prevent a drift of
 the template, the flow of the negative mean field is applied to all maps. The mean field of the next
 round is about 0. Guimond, Meunier and Thirion (CVIU 2000) do this with displacements. The method is
 of first order, because the mean of fields is not the field of a mean flow.

@@ -397,9 +397,9 @@ class PopulationSolver:
         """Return the mean over surface and subjects of each channel before registration, (C,)."""
         channel_means = []
         for c in range(len(self.cohort.channels)):
-            own = found.before[:, :, c]
+            values = found.before[:, :, c]
             fits = self.weights * found.outliers.fits
-            mean = statistics.mean(own, Shares(fits, found.masks_before, own))
+            mean = statistics.mean(values, Shares(fits, found.masks_before, values))
             known = np.where(np.isfinite(mean), self.areas, 0)
             channel_means.append(known @ np.nan_to_num(mean) / known.sum() if known.any() else 0.0)
         return np.array(channel_means)

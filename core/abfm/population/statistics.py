@@ -47,9 +47,9 @@ def deviation(values: Subjects, shares: Subjects) -> FloatArray:
     found = LeaveOneOut.of(values, shares)
     middle, total = np.nan_to_num(found.mean()), found.total
     squares, spread = np.zeros_like(total), np.zeros_like(total)
-    for own, share in zip(values, shares, strict=True):
+    for subject, share in zip(values, shares, strict=True):
         squares += share**2
-        spread += share * (_known_values(own, share) - middle) ** 2
+        spread += share * (_known_values(subject, share) - middle) ** 2
     has_several = found.number > 1
     divisor = np.where(has_several, total - squares / np.where(has_several, total, 1), 0)
     return np.sqrt(_divide(spread, divisor))
@@ -89,8 +89,8 @@ class LeaveOneOut(NamedTuple):
     def of(cls, values: Subjects, shares: Subjects) -> LeaveOneOut:
         sums, total = np.zeros_like(shares[0]), np.zeros_like(shares[0])
         number = np.zeros(len(total), dtype=np.int64)
-        for own, share in zip(values, shares, strict=True):
-            sums += share * _known_values(own, share)
+        for subject, share in zip(values, shares, strict=True):
+            sums += share * _known_values(subject, share)
             total += share
             number += share > 0
         return cls(values, shares, sums, total, number)
@@ -101,9 +101,9 @@ class LeaveOneOut(NamedTuple):
 
     def without(self, subject: int) -> FloatArray:
         """Return the mean over all other subjects, (V,); NaN where all their shares are 0."""
-        own = self.shares[subject]
-        remaining = np.where(self.number > (own > 0), self.total - own, 0)
-        return _divide(self.sums - own * _known_values(self.values[subject], own), remaining)
+        share = self.shares[subject]
+        remaining = np.where(self.number > (share > 0), self.total - share, 0)
+        return _divide(self.sums - share * _known_values(self.values[subject], share), remaining)
 
 
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
@@ -132,11 +132,11 @@ def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
     known = _known(f, g, areas)
     if not known.any():
         return math.nan
-    weights, own = areas[known], g[known]
-    size = math.sqrt(weights @ (own - np.average(own, weights=weights)) ** 2)
-    if size <= _CONSTANT_DEVIATION_MAX * math.sqrt(weights @ own**2):
+    weights, reference = areas[known], g[known]
+    size = math.sqrt(weights @ (reference - np.average(reference, weights=weights)) ** 2)
+    if size <= _CONSTANT_DEVIATION_MAX * math.sqrt(weights @ reference**2):
         return math.nan
-    return math.sqrt(weights @ (f[known] - own) ** 2) / size
+    return math.sqrt(weights @ (f[known] - reference) ** 2) / size
 
 
 @dataclass

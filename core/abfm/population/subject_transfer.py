@@ -106,20 +106,20 @@ class SubjectTransfer:
         """Return the values of the subject on the template."""
         template = mesh_of(self.template, self.options)
         surface = mesh_of(self.subject.surface or self.template, self.options)
-        own = SubjectData.of(surface, self.subject.functions, self.subject.mask)
+        data = SubjectData.of(surface, self.subject.functions, self.subject.mask)
         if self.registration:
-            return self._registered(own, template)
-        return TransferredSubject(values_at(self._first_points(surface, template), own))
+            return self._registered(data, template)
+        return TransferredSubject(values_at(self._first_points(surface, template), data))
 
     def renamed(self, rename: Rename) -> SubjectTransfer:
         """Return the same computation with renamed files."""
-        own, method = self.subject, self.initial
+        subject, method = self.subject, self.initial
         subject = replace(
-            own,
-            functions=tuple(text and renamed_spec(text, rename) for text in own.functions),
-            mask=own.mask and renamed_spec(own.mask, rename),
-            surface=own.surface and rename(own.surface),
-            landmarks=own.landmarks and rename(own.landmarks),
+            subject,
+            functions=tuple(text and renamed_spec(text, rename) for text in subject.functions),
+            mask=subject.mask and renamed_spec(subject.mask, rename),
+            surface=subject.surface and rename(subject.surface),
+            landmarks=subject.landmarks and rename(subject.landmarks),
         )
         return replace(
             self,
@@ -147,7 +147,7 @@ class SubjectTransfer:
         found = initial_map(self.initial or None, MapInput(surface, template, landmarks=landmarks))
         return found.correspondence.points.points
 
-    def _registered(self, own: SubjectData, template: TriangleMesh) -> TransferredSubject:
+    def _registered(self, data: SubjectData, template: TriangleMesh) -> TransferredSubject:
         drift = array_from(read_bytes(self.drift, _DRIFT_BYTES_MAX))
         if drift.shape != (len(template.faces), 3):
             raise ResultError(
@@ -155,19 +155,21 @@ class SubjectTransfer:
             )
         registration = load_registration(self.registration)
         shift = ContinuousFlow(template, drift, 1.0).destinations
-        before, after = maps(registration, own.mesh, template, shift)
+        before, after = maps(registration, data.mesh, template, shift)
         if self.at_edges:
             points = edge_midpoints(template)
-            return TransferredSubject(values_at(before(points), own), values_at(after(points), own))
+            return TransferredSubject(
+                values_at(before(points), data), values_at(after(points), data)
+            )
         points = vertex_points(template)
         points_after = after(points)
         point_map = PointMap(
-            template, own.mesh, points_after.faces, points_after.barycentric, interior_map=after
+            template, data.mesh, points_after.faces, points_after.barycentric, interior_map=after
         )
         log2_area, facts = map_facts(registration, point_map, drift)
         return TransferredSubject(
-            values_at(before(points), own),
-            values_at(points_after, own),
+            values_at(before(points), data),
+            values_at(points_after, data),
             log2_area,
             registration.verdict.kind,
             facts,

@@ -57,9 +57,9 @@ def _clip_ears(points: FloatArray) -> IndexArray:
     for k in range(count):
         evenness[k] = _ear(points, before[k], k, after[k], after)
     triangles = np.empty((count - 2, 3), dtype=np.int64)
-    found, somewhere = 0, 0
+    found, start = 0, 0
     while found < count - 2:
-        best = k = somewhere
+        best = k = start
         for _ in range(count - found):
             if evenness[k] > evenness[best]:
                 best = k
@@ -72,7 +72,7 @@ def _clip_ears(points: FloatArray) -> IndexArray:
         after[a], before[c] = c, a
         evenness[a] = _ear(points, before[a], a, c, after)
         evenness[c] = _ear(points, a, c, after[c], after)
-        somewhere = a
+        start = a
     return triangles[:found]
 
 

@@ -13,9 +13,9 @@ BYTES_MAX = 1 << 28
 class References:
     """Reader of the files that a file refers to; their total size is limited.
 
-    The files must be in the folder of the file or below it. If a path leads elsewhere or to no
-    file, as paths of another computer do, a file of the same name in the folder is read. Upper and
-    lower case are not distinguished then.
+    The files must be in the folder of the file or below it. A path from another computer often
+    leads elsewhere or to no file. In this case a file of the same name in the folder is read,
+    regardless of upper and lower case.
     """
 
     def __init__(self, path: Path) -> None:

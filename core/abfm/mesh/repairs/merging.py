@@ -68,8 +68,8 @@ def _check_crowding(points: FloatArray, reach: float) -> None:
     low = points.min(axis=0)
     size = max(reach, 1e-12 * float((points - low).max())) or 1.0
     cells = np.floor((points - low) / size).astype(np.int64)
-    crowds = np.unique(cells, axis=0, return_counts=True)[1].astype(np.float64)
-    if (crowds**2).sum() > 16 * len(points) + 1_000_000:
+    counts = np.unique(cells, axis=0, return_counts=True)[1].astype(np.float64)
+    if (counts**2).sum() > 16 * len(points) + 1_000_000:
         raise _crowded(reach)
 
 

@@ -48,7 +48,7 @@ class Camera {
     this.pan = [this.pan[0] + dx, this.pan[1] - dy];
   }
 
-  /** Zooms about a point, in pixels from the center of a panel. */
+  /** Zooms about a point, in pixels from the centre of a panel. */
   zoomBy(factor, center = [0, 0]) {
     const zoom = Math.min(Math.max(this.zoom * factor, ZOOM_RANGE[0]), ZOOM_RANGE[1]);
     const by = zoom / this.zoom;
@@ -80,7 +80,7 @@ class Camera {
     return product(turn, this.axes[number]);
   }
 
-  /** Position of a point: (x, y) in CSS pixels from the center of the box, y upwards; depth. */
+  /** Position of a point: (x, y) in CSS pixels from the centre of the box, y upwards; depth. */
   project(turn, point) {
     const [x, y, z] = times(turn, point);
     const unit = (this.unit * this.zoom * this.distance) / (this.distance - z);

@@ -19,7 +19,7 @@ const SURFACE = {
       facing = turn * normal;
       gl_Position = project(position, 0.0);
     }`,
-  // lighting of the app's surfaces, computed in linear light from the colors of the color bar
+  // lighting of the app's surfaces, computed in linear light from the colours of the colour bar
   fragment: `
     uniform sampler2D colors;
     in vec3 facing; in float place; in float known; out vec4 color;
@@ -28,7 +28,7 @@ const SURFACE = {
       if (!gl_FrontFacing) normal = -normal;
       float wrapped = 0.5 + 0.5 * dot(normal, vec3(-0.35, 0.55, 0.76));
       float light = (0.35 + 0.65 * wrapped) * (0.75 + 0.25 * max(normal.z, 0.0));
-      // next to vertices without a value, known values extend to the center of the edge
+      // next to vertices without a value, known values extend to the centre of the edge
       float value = clamp(place / max(known, 1e-6), 0.0, 1.0);
       vec3 base = texture(colors, vec2((value * 255.0 + 0.5) / 256.0, 0.5)).rgb;
       if (known < 0.5) base = vec3(0.55);

@@ -1,4 +1,4 @@
-// Setup of the page: data, drawing, camera, player, color bars and keyboard.
+// Setup of the page: data, drawing, camera, player, colour bars and keyboard.
 
 const element = (id) => document.getElementById(id);
 
@@ -118,7 +118,7 @@ function columns(extents, width, height) {
   return sizes.indexOf(Math.max(...sizes)) + 1;
 }
 
-/** Draws color bars: each range once, with the titles of its panels. */
+/** Draws colour bars: each range once, with the titles of its panels. */
 function drawColorBars(page, layer) {
   const ranges = new Map();
   for (const panel of page.panels) {
