@@ -38,7 +38,7 @@ HEADINGS = (
     "mean log₂ R",
     "95%",
     "folded",
-    "back (edges)",
+    "round trip (edges)",
     "CPU s",
 )
 
@@ -180,12 +180,12 @@ def subject_rows(
     on_sphere = partial(on_sphere, mask_b=cortex)
     both = [np.stack([side.depth, side.curvature], 1) for side in (subject, template)]
     cases: dict[str, Callable[[], Correspondence]] = {
-        "the same with the parameters of `match`": partial(on_sphere, parameters=Parameters()),
+        "`register` with the parameters of `match`": partial(on_sphere, parameters=Parameters()),
         **{
             f"`register(max_distortion={bound:g})`": partial(on_sphere, max_distortion=bound)
             for bound in _BOUNDS
         },
-        "depth and curvature matched": partial(register, a, b, *both, mask_b=cortex),
+        "`register` by depth and curvature": partial(register, a, b, *both, mask_b=cortex),
     }
     for name, find in cases.items():
         yield evaluation.timed_row(name, find)
@@ -194,11 +194,13 @@ def subject_rows(
     yield evaluation.row("computed spheres (`embedding`), rotated", embedded)
     on_surface = partial(register, a, b, f, g, initial="embedding", mask_b=cortex)
     back = partial(register, b, a, g, f, initial="embedding", mask_a=cortex)
-    size = f"{len(a.vertices):,} vertices"
+    size, on_white = f"{len(a.vertices):,} vertices", '`register(initial="embedding")`'
     cases = {
-        "`register` without spheres, on the template's white surface": on_surface,
-        "the same with `max_distortion=2`": partial(on_surface, max_distortion=2),
-        f"on the subject's own surface, {size}, back to the template": lambda: back().inverse(),
+        f"{on_white}, white surfaces": on_surface,
+        '`register(initial="embedding", max_distortion=2)`, white surfaces': partial(
+            on_surface, max_distortion=2
+        ),
+        f"inverse of {on_white} from template to subject ({size})": lambda: back().inverse(),
     }
     for name, find in cases.items():
         yield evaluation.timed_row(name, find)
