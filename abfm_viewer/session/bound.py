@@ -74,7 +74,7 @@ class Bound:
         reason = self._run.reason if self._run else ""
         self._run = self._result = None
         bound = found.match.bound if found else None
-        if found is None or bound is None or not bound.is_kept:
+        if found is None or bound is None or not bound.is_satisfied:
             reason = found.reason if found else reason
             self._notices.show(f"the distortion was not limited: {reason}", is_error=True)
         elif np.array_equal(found.match.fine_velocity, result.fine_velocity):

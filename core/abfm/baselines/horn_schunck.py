@@ -15,6 +15,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _RIDGE = 1e-6  # weight of the squared field, which makes the solution unique without data
 
@@ -67,7 +68,7 @@ def horn_schunck(
     first, last = channels(mesh, f, "f"), channels(mesh, g, "g")
     if first.shape != last.shape:
         raise ParameterError(
-            f"f has {len(first)} and g has {len(last)} channels; expected equal numbers"
+            f"f has {counted(len(first), 'channel')} and g has {len(last)}; expected equal numbers"
         )
     areas, vertex_weights = face_areas(unit), vertex_areas(unit)
     rows = np.concatenate([first, last])

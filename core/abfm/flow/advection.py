@@ -121,7 +121,7 @@ class Discretisation:
         self.workspace = Workspace(self.size)
 
     def clustered(self) -> Discretisation:
-        """Return the same for functions with one value on each of ``abfm.flow.clusters``."""
+        """Return the discretisation of functions with one value per cluster of vertices."""
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:

@@ -1,6 +1,6 @@
 """The matrix of ``D_v``: a fixed sparsity, filled for a new field by one pass over the faces.
 
-Entries come in groups of seven of one row, since a vertex of valence six has seven. ``indptr``
+The entries of a row are stored in groups of seven, as a vertex of valence six has seven. ``indptr``
 counts groups, and ``indices`` and values are (G, 7). The last group of a row is padded with zeros.
 All loads of a group come before its stores, which makes the adjoint fast.
 """

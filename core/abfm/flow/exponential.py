@@ -119,7 +119,7 @@ class Workspace:
 
 
 def _likely_terms(x: float) -> int:
-    """Return the usual number of terms of a series at the default tolerance, unless they grow."""
+    """Return the usual number of terms of a series at the default tolerance."""
     return int(x + 8 * np.cbrt(x)) + 8
 
 

@@ -65,7 +65,7 @@ class Bound(NamedTuple):
         return cls(most, share, largest, int(folded))
 
     @property
-    def is_kept(self) -> bool:
+    def is_satisfied(self) -> bool:
         """Whether 99% of the faces satisfy the bound and none is folded."""
         return self.share >= BOUNDED_SHARE and not self.folded
 

@@ -88,7 +88,7 @@ def limit_distortion(
     check_bound(max_distortion)
     with step("searching for the best field within the bound"):
         bound = measure(found).bound(max_distortion)
-        if bound.is_kept:
+        if bound.is_satisfied:
             return found if found.bound == bound else replace(found, bound=bound)
         search = _Search(found, max_distortion, measure, control or current_control())
         search.run()

@@ -159,21 +159,21 @@ def path_of(
     levels = rows[:, -1]
     if not (np.isin(levels, np.arange(_REFINE_MAX + 1))).all():
         raise ValueError(
-            f"path_steps have {levels} subdivisions; expected integers up to {_REFINE_MAX}"
+            f"path_steps have subdivision counts {levels}; expected integers up to {_REFINE_MAX}"
         )
     if selected >= len(rows):
         raise ValueError(f"path_step is {selected}; expected a number below {len(rows)}")
     refined = times_subdivided(velocity.shape[1], mesh)
     if levels[selected] != refined:
         raise ValueError(
-            f"path_steps have {levels[selected]:g} subdivisions for step {selected}, but its field "
-            f"has {refined}"
+            f"the number of subdivisions of step {selected} is {levels[selected]:g} in path_steps, "
+            f"but {refined} in its field"
         )
     counts = arrays.get("path_fields", np.full(len(rows), len(velocity)))
     if counts[selected] != len(velocity):
         raise ValueError(
-            f"path_fields are {counts[selected]} for step {selected}, which has {len(velocity)} "
-            "fields"
+            f"the number of fields of step {selected} is {counts[selected]} in path_fields, but "
+            f"the step has {len(velocity)}"
         )
     side = 1 if "path_fields" in arrays else len(velocity)
     sizes = len(mesh.faces) * 4 ** levels.astype(np.int64) * counts // side

@@ -46,6 +46,7 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import AREA_PRESERVING_DIVERGENCE, Parameters
 from abfm.reading import from_json
 from abfm.types import BoolArray, File, FloatArray
+from abfm.wording import counted
 
 _DIFFERENCE_MAX = 0.5
 """Largest difference of a function that was evaluated again, relative to its norm.
@@ -537,7 +538,10 @@ def _specs(given: Any, count: int) -> tuple[str, ...]:
     if (known := texts_of(given)) is None:
         return ("",) * count
     if len(known) != count:
-        raise ParameterError(f"{len(known)} specs for {count} channels; give one for each, or ''")
+        raise ParameterError(
+            f"got {counted(len(known), 'spec')} for {counted(count, 'channel')}; give one for each "
+            "channel, or '' for a channel without a spec"
+        )
     texts = (str(parse(text)) if text else "" for text in known)
     return tuple(
         text if text.isprintable() else "" for text in texts

@@ -14,7 +14,7 @@ from abfm.matching.result import Match
 from abfm.mesh.subdivision import times_subdivided
 from abfm.outcome import Facts
 from abfm.parameters import as_option
-from abfm.wording import number_text, percents
+from abfm.wording import counted, number_text, percents
 
 STEP_COLUMNS = ("step", "sigma", "residual", "flow lines", "folded", "|log2 J|", "|log2 R|")
 SCORE = "score"  # only for measured functions
@@ -55,7 +55,7 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
         *facts.lines,
-        f"residual {residual_text(match)}, after {iterations} iterations",
+        f"residual {residual_text(match)}, after {counted(iterations, 'iteration')}",
         *(path_lines(match) if len(match.path) > 1 else []),
     ]
 

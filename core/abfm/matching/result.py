@@ -36,6 +36,7 @@ from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.types import File, FloatArray, IntArray
+from abfm.wording import counted
 
 _RESIDUAL_DIFFERENCE = 0.005
 """Allowed difference between the stored residual and that of the field.
@@ -449,7 +450,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
         "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
         "the energies": ("energy_history", "stages"),
         "the path": ("path_steps", "path_step", "path_fields", "path_velocity"),
-        "the functions' texts": tuple(results.SPEC_ENTRIES),
+        "the function specs": tuple(results.SPEC_ENTRIES),
         "the landmarks": (*results.LANDMARK_ENTRIES, "landmark_errors"),
     }
     excluded = {name for names in grouped.values() for name in names} | {"fine_velocity"}
@@ -469,7 +470,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
         "the fields": partial(_known, match, grouped["the fields"]),
         "the energies": partial(_known, match, grouped["the energies"]),
         "the path": lambda: path_arrays(match.path, match.step, match.mesh),
-        "the functions' texts": problem.spec_arrays,
+        "the function specs": problem.spec_arrays,
         "the landmarks": lambda: (
             {}
             if landmarks is None
@@ -528,7 +529,9 @@ def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
     problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
     segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
     if segments not in (0, len(velocity)):
-        raise ValueError(f"it has {len(velocity)} fields, but its parameters require {segments}")
+        raise ValueError(
+            f"it has {counted(len(velocity), 'field')}, but its parameters require {segments}"
+        )
     times_subdivided(fine.shape[1], mesh)
     fastest = np.abs(fine).max()
     if fastest > results.SIZE_MAX * mesh.length_scale:

@@ -353,6 +353,7 @@ def _orient_consistently(draft: Draft) -> None:
             of_corners = getattr(draft, name)
             setattr(draft, name, np.where(flip[:, None], of_corners[:, [0, 2, 1]], of_corners))
         draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
+        draft.has_flipped_faces = True
         draft.messages.append(
             f"{counted(flip.sum(), 'face was', 'faces were')} flipped so that all have the same "
             f"orientation (for example face {draft.face_ids[np.argmax(flip)]})"

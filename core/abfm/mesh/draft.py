@@ -31,6 +31,7 @@ class Draft:
     file_vertex_count: int
     copies: IntArray
     messages: list[str]
+    has_flipped_faces: bool = False
     kept_counts: str = ""
     """Text with the numbers of vertices and faces that were kept, such as "5 of 6 vertices ..."."""
     edges: IntArray = field(init=False)

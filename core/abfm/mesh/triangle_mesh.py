@@ -102,6 +102,8 @@ class TriangleMesh(Display):
         The name of the mesh file, or empty.
     messages : tuple of str
         Repairs and warnings, one line each.
+    has_flipped_faces : bool
+        Whether the orientation of some faces was reversed, so that all have the same.
     edges, face_edges : (E, 2) and (F, 3) array of int
         Vertex pairs, smaller index first, and the edge opposite each corner.
     edge_slots : (E, 2) array of int
@@ -125,6 +127,7 @@ class TriangleMesh(Display):
     file_vertex_count: int
     copies: IntArray
     messages: tuple[str, ...]
+    has_flipped_faces: bool
     edges: IntArray
     face_edges: IntArray
     cache: dict[Any, Any]

@@ -241,8 +241,9 @@ class Correspondence(Display):
     def distortion(self) -> Distortion:
         """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
 
-        Both surfaces are scaled to unit area. A map can turn the complete surface over, such as
-        one between left and right. Then the faces that it does not turn over count as flipped.
+        Both surfaces are scaled to unit area. A map such as one between left and right may
+        reverse the orientation of most faces. Then the faces whose orientation it preserves count
+        as flipped.
         """
         return self._distortion
 
@@ -253,7 +254,7 @@ class Correspondence(Display):
 
     @cached_property
     def is_mirrored(self) -> bool:
-        """Whether the map to A turns over more than half of the area of B."""
+        """Whether the map to A reverses the orientation of more than half of the area of B."""
         found = PointMap(self.b, self.a, self.points.faces, self.points.barycentric).distortion()
         return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
 

@@ -43,6 +43,7 @@ from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.vertex_numbering import warn_of_numbering
 from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray
+from abfm.wording import counted
 from abfm.workers.control import Control
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
@@ -185,14 +186,17 @@ def limit_distortion(
 
     chosen = found.with_match(limit_match_distortion(found.match, max_distortion, measure, control))
     bound = chosen.match.bound
-    if bound is None or bound.is_kept:
+    if bound is None or bound.is_satisfied:
         return chosen
     first = found.initial.distortion()
     share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
-    limit = f"{BOUNDED_SHARE:.0%} of the faces have at most {first.bound_of(BOUNDED_SHARE):.3g}"
+    limit = (
+        f"{BOUNDED_SHARE:.0%} of the faces satisfy a bound of {first.bound_of(BOUNDED_SHARE):.3g}"
+    )
     note = (
         f"the initial map alone satisfies the bound {max_distortion:g} for only {share}; {limit}, "
-        f"and {first.folded} are folded. No flow with a smaller distortion was searched."
+        f"with {counted(first.folded, 'face')} folded. "
+        "No flow with a smaller distortion was searched."
     )
     return chosen.with_match(chosen.match, (note,))
 
@@ -215,20 +219,18 @@ def prepare(
     are_loaded = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
     a, b = as_meshes(a, b)
     if (f is None) != (g is None):
-        raise FunctionError(
-            "only one of f and g is given; expected both, functions of A and of B to register by"
-        )
+        raise FunctionError("only one of f and g is given; expected functions f of A and g of B")
     pairs = None if landmarks is None else _as_landmarks(a, b, landmarks, are_loaded)
     if f is None or g is None:
         if pairs is None:
             raise FunctionError(
-                "there is nothing to register by; expected f and g, functions of A and of B, or "
+                "functions and landmarks are missing; expected functions f of A and g of B, or "
                 "landmarks"
             )
         if not (mask_a is None and mask_b is None and weights is None):
             raise ParameterError(
-                "masks and weights apply to functions, and there are none: give f and g, or no "
-                "masks and weights"
+                "masks and weights are given without functions; give f and g, or no masks and "
+                "weights"
             )
         first = initial_map(initial, MapInput(a, b, landmarks=pairs))
         problem = Problem(b, None, None, parameters, **_landmarks_on_b(first.correspondence, pairs))
@@ -249,7 +251,8 @@ def prepare(
     target = filled(b, target, known_b if on_b is None else on_b > 0)
     if len(source) != len(target):
         raise FunctionError(
-            f"f has {len(source)} and g has {len(target)} channels; expected equal numbers"
+            f"f has {counted(len(source), 'channel')} and g has {len(target)}; expected equal "
+            "numbers"
         )
     channel_weights = checked_weights(weights, len(source), "weights", "channel", True)
     if channel_weights.any():
@@ -332,7 +335,7 @@ def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> lis
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))
     text = (
-        f"functions of {side} are not finite at {count} of {len(known)} vertices, which are "
+        f"functions of {side} are not finite at {count} of {len(known)} vertices, "
         "excluded from the comparison"
     )
     return [text] if count else []
@@ -360,7 +363,7 @@ def _standardized(
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
         raise ParameterError(
-            "the masks of A and B do not overlap under the initial map: check the masks and the "
+            "the masks of A and B do not overlap under the initial map; check the masks and the "
             "initial map"
         )
     unit, notes, measured = mesh.normalized(), [], False

@@ -93,9 +93,9 @@ def _export_surface(path: Path, found: Registration) -> None:
     missing = found.a.file_vertex_count - len(found.a.vertices)
     if missing:
         raise ResultError(
-            f"cannot write {path}: {missing} vertices of A's file were removed or merged, so its "
-            "rows would differ from those of A's file. Write a .npz file, or use a mesh file for A "
-            "that needs no repair."
+            f"cannot write {path}: {missing} of the vertices of A's file were removed or merged. "
+            "Rows would therefore differ from those of A's file. Write a .npz file, or use a mesh "
+            "file for A that needs no repair."
         )
     try:
         positions, structure = found.back.positions, found.a.structure
@@ -241,7 +241,7 @@ class RegistrationTask(Task):
         Parameters.of(**parameters_in(values))
         if not channels(values)[0] and "landmarks" not in values:
             raise ParameterError(
-                "there is nothing to register by; expected source and target, or landmarks"
+                "functions and landmarks are missing; expected source and target, or landmarks"
             )
 
     @classmethod

@@ -118,7 +118,9 @@ def check_frames(
         )
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
-        raise FunctionError("no vertex has finite values in all frames")
+        raise FunctionError(
+            "no vertex has finite values in all frames. Remove the frames with missing values."
+        )
     vertex_mask = mask_of_known(mask_from_input(mesh, mask), known)
     compared = known if vertex_mask is None else vertex_mask > 0
     if not compared.any():

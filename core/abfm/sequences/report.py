@@ -119,7 +119,7 @@ def _tracks(sequence: Sequence) -> dict[str, int]:
 
 
 def interval_headline(sequence: Sequence, interval: int) -> str:
-    """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
+    """Return the headline of an interval of a sequence, such as ``matched (residual 0.7%)``."""
     residual = worse_residual(
         float(sequence.residual[interval]), float(sequence.verified_residual[interval])
     )

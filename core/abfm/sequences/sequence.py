@@ -265,14 +265,16 @@ class Sequence(Solution, Display):
     def paths(
         self, points: SurfacePoints | ArrayLike, start: float | None = None
     ) -> list[SurfacePoints]:
-        """Advect points along all fields; return their places at the start and at each later frame.
+        """Move points along all fields; return their places at the start and at each later frame.
 
         ``points`` are surface points or vertex indices (P,). The start is the time of the first
         frame by default.
         """
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.mesh, points)
         if len(given.mesh.faces) != len(self.mesh.faces):
-            raise ParameterError("the points are on another surface than the sequence")
+            raise ParameterError(
+                "the points are on another mesh than the sequence; use points of its mesh"
+            )
         begin = float(self.times[0]) if start is None else float(start)
         found, first = [given], self.interval(begin)
         for i in range(first, len(self)):

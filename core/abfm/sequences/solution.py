@@ -21,6 +21,7 @@ from abfm.sequences.frames import Frames
 from abfm.sequences.parameters import SequenceParameters
 from abfm.sequences.verdicts import is_unsolved
 from abfm.types import BoolArray, File, FloatArray
+from abfm.wording import counted
 
 _NUMBERS = (
     "gamma",
@@ -149,11 +150,12 @@ class Solution:
     def of_arrays(cls, arrays: results.Arrays) -> Self:
         """Return a solution from the arrays of a file; raise ValueError if they do not fit."""
         if not (np.diff(arrays["times"]) > 0).all():
-            raise ValueError("times are not increasing")
+            raise ValueError("times are not strictly increasing")
         field_count, frame_count = (len(arrays[name]) for name in ("velocity", "times"))
         if field_count != frame_count - 1:
             raise ValueError(
-                f"{field_count} fields for {frame_count} frames; expected one field less"
+                f"it has {counted(field_count, 'field')} for {counted(frame_count, 'frame')}; "
+                "expected one field less"
             )
         frames = Frames(
             results.mesh_of(arrays),

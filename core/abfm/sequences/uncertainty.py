@@ -11,7 +11,8 @@ v>`` of the field itself,
 
 is the share of the field along an axis that the frames determine; smoothness determines the rest.
 An estimate misses ``1 - s`` of the true field [the bias of ridge regression], and noise scatters
-it. Let ``V`` be the mean square of the velocity along an axis, weighted by ``s``. Its variance is
+it. Let ``V`` be the mean square of the velocity along an axis, weighted by ``s``. The
+estimate's variance is
 
     V (1 - s)^2  +  T * integral of  d / (p(k) + d)^2  k dk / (2 pi),   p(k) = (1 + alpha k^2)^order
 

@@ -146,12 +146,12 @@ def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
 
 
 def _noise(functions: FunctionTerm) -> str:
-    """Return a description of the differences between neighbours: noise, or also narrow details.
+    """Return the ``noise`` of the sentences of `Cause`: noise alone, or also narrow details.
 
-    Where edges are long, as those of slivers, details within one edge look like noise.
+    Where edges are long, such as those of slivers, details within one edge look like noise.
     """
     is_coarse = narrowest(functions) < _RESOLVED_EDGES_MIN
-    return "noise, or details narrower than edges," if is_coarse else "noise"
+    return "noise or details narrower than edges" if is_coarse else "noise"
 
 
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:

@@ -143,18 +143,18 @@ def test_distortion_is_measured_inside_faces():
 @pytest.mark.parametrize("seed", range(7))
 @pytest.mark.parametrize("t", [0.6, 1.2])
 def test_folded_faces_of_smooth_flows(seed, t):
-    """Overturned triangles between corners are not folds of the map."""
+    """Flipped triangles between corners are not folds of the map."""
     flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):
         faces = np.arange(len(BALL.faces))
-        folded, overturned = folded_shares(
+        folded, flipped = folded_shares(
             BALL, found.interior_map, faces, found.positions[BALL.faces], len(faces)
         )
         assert found.distortion().folded == round(folded * len(faces))
-        assert chord_distortion(BALL, found.positions).folded == round(overturned * len(faces))
+        assert chord_distortion(BALL, found.positions).folded == round(flipped * len(faces))
         assert folded == 0
-        assert overturned > 0 or seed == 1 or t < 1
+        assert flipped > 0 or seed == 1 or t < 1
     assert round_trip(there, back.at).median < 0.1
 
 

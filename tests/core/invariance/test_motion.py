@@ -94,7 +94,7 @@ def test_flows(name, move):
     checks = [
         abfm.matching.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))
     ]
-    for which in ("flow_lines", "subdivided", "resolution", "folded", "overturned"):
+    for which in ("flow_lines", "subdivided", "resolution", "folded", "flipped"):
         one, other_one = (getattr(each, which) for each in checks)
         assert other_one == pytest.approx(one, rel=SOLVES, abs=SOLVES)
     ends = [

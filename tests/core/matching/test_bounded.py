@@ -17,7 +17,7 @@ MESH = icosphere(3)
 
 
 def is_within(match, limit):
-    return match.distortion().bound(limit).is_kept
+    return match.distortion().bound(limit).is_satisfied
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_match_within_bound_is_unchanged(found):
     within = limit_distortion(found, 1e3)
     assert within.fine_velocity is found.fine_velocity
     assert within.verdict == found.verdict
-    assert within.bound.is_kept
+    assert within.bound.is_satisfied
     assert within.bound.max_distortion == 1e3
     again = limit_distortion(within, 1e3)
     assert again is within
@@ -95,7 +95,7 @@ def test_no_step_within_bound_is_better(name, limit):
     found = match_of(name)
     within = limit_distortion(found, limit)
     assert is_within(within, limit)
-    assert within.bound.is_kept
+    assert within.bound.is_satisfied
     if is_within(found, limit):
         assert within.fine_velocity is found.fine_velocity
         return
@@ -136,7 +136,7 @@ def test_match_is_unchanged_without_candidates(found):
     within = limit_distortion(found, 0.1, measure)
     assert within.fine_velocity is found.fine_velocity
     assert within.verdict == found.verdict
-    assert not within.bound.is_kept
+    assert not within.bound.is_satisfied
     assert len(within.facts.warnings) == len(found.facts.warnings) + 1
     assert any("0.1" in warning for warning in within.facts.warnings)
 

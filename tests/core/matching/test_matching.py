@@ -170,11 +170,11 @@ def test_match_cancelled_during_verification_can_continue(skip_checks):
     """The verification is completed unless the checks are skipped."""
     control = abfm.workers.Control()
 
-    def tell(step):
+    def cancel_check(step):
         if step is not None and step.task.startswith("checking"):
             control.cancel(skip_checks)
 
-    with reporting_steps(tell):
+    with reporting_steps(cancel_check):
         match = matched(abfm.Parameters.of(iterations=5), control=control)
     assert match.stop_reason == "cancelled"
     assert match.velocity.any()

@@ -329,7 +329,7 @@ def test_episodes_use_solved_intervals_only(found):
 
 @pytest.mark.parametrize(("values", "time"), [(1, 250), (1e20, 1e-15), (1e-20, 1e15)])
 def test_flows_are_independent_of_units(values, time, pattern, found):
-    """Neither do they depend on the origin of time."""
+    """They do not depend on the origin of time either."""
     result = abfm.sequence(SPHERE, values * pattern[0], time * (np.arange(4) - 3), FAST)
     assert_allclose(time * result.velocity, found.velocity, rtol=1e-9, atol=1e-11)
     assert result.verdicts == found.verdicts

@@ -1,8 +1,10 @@
 """Reported steps of long work: shares, remaining times and rates."""
 
+import ast
 import math
 import threading
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,6 +36,17 @@ def reported_steps(work):
 def tasks_of(work):
     """Return the names of the steps that work reports."""
     return [now.task for now in reported_steps(work) if now]
+
+
+def test_initial_rates_have_names_of_steps():
+    """A renamed step would silently lose its initial rate."""
+    names = set()
+    for path in Path(abfm.__file__).parent.rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(call, ast.Call) and getattr(call.func, "id", "").endswith("step"):
+                has_work = len(call.args) > 1 and isinstance(call.args[0], ast.Constant)
+                names |= {call.args[0].value} if has_work else set()
+    assert set(progress.INITIAL_RATES) <= names
 
 
 def test_shares_grow_and_remaining_times_fall():

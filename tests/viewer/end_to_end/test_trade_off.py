@@ -170,11 +170,11 @@ def limit_the_distortion(walked):
     session, before = walked.session, walked.session.result
     found = before.distortion()
     most = float(f"{0.7 * max(found.log2_area.p95, found.log2_shape.p95):.3g}")
-    assert not before.distortion().bound(most).is_kept
+    assert not before.distortion().bound(most).is_satisfied
     walked.type("distortion", str(most))
     walked.click("Limit distortion", "Match")
     walked.wait(lambda s: not s.bound.busy)
-    assert session.result.distortion().bound(most).is_kept
+    assert session.result.distortion().bound(most).is_satisfied
     assert session.result is not before
     assert not session.outdated
     check_message(session.notices.log[-1].text, f"{most:g}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from abfm.wording import counted
+
 
 class Cause(StrEnum):
     """The cause of the outcome of a match or of an interval of a sequence."""
@@ -87,7 +89,7 @@ SENTENCES: dict[Cause, str] = {
     Cause.NO_MOTION_ON_MESH: (
         "most of the change is not explained by motion, as the features span only {edges:.2g} edges"
     ),
-    Cause.NOISE: "the frames contain nothing but {noise}, which determines no motion",
+    Cause.NOISE: "the frames contain only {noise} and determine no motion",
     Cause.WITHIN_NOISE: "the residual is not larger than that of {noise}",
     Cause.ONLY_DISCRETE_FLOW: (
         "flow lines do not explain most of the change, so the discrete flow is inaccurate here"
@@ -128,7 +130,7 @@ ADVICE: dict[Cause, str] = {
 
 def limit_sentence(iterations: int) -> str:
     """Return the sentence of a run that ended at its limit of iterations."""
-    return f"the run stopped at the limit of {iterations} iterations"
+    return f"the run stopped at the limit of {counted(iterations, 'iteration')}"
 
 
 def sentence_of(cause: Cause, **details: object) -> str:

@@ -51,7 +51,7 @@ class Report:
         evidence, verdict = self.evidence, self.verdict
         is_given = evidence.stop_reason is StopReason.GIVEN
         headline, reason, bound = self._headline(), self._reason(), evidence.bound
-        if bound is not None and bound.is_kept:
+        if bound is not None and bound.is_satisfied:
             headline += f", distortion within {bound.max_distortion:g}"
             if verdict.cause is not Cause.BOUNDED:
                 reason += f"; {sentence_of_bound(bound)}"
@@ -155,7 +155,7 @@ class Report:
 
     def _warnings(self) -> tuple[str, ...]:
         found = [self.load_warning] if self.load_warning else []
-        if (bound := self.evidence.bound) is not None and not bound.is_kept:
+        if (bound := self.evidence.bound) is not None and not bound.is_satisfied:
             within = f"{100 * bound.share:.1f}% of the faces are within the bound"
             exceeded = f"the distortion exceeds the bound of {bound.max_distortion:g}"
             found.append(f"{exceeded}: {within}, {counted(bound.folded, 'face')} folded")

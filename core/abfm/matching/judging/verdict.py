@@ -16,7 +16,7 @@ from abfm.matching.terms.landmarks import MATCHED_ERROR, residual_of_errors
 from abfm.outcome import RESIDUAL_NEARLY, VERDICTS, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
-from abfm.wording import factor, share
+from abfm.wording import counted, factor, share
 
 RESIDUAL_REGISTERED = 0.95
 """Largest residual of registered functions; functions with nothing in common have 1."""
@@ -95,7 +95,7 @@ class Verdict:
 
     def with_bound(self, bound: Bound) -> "Verdict":
         """Return the verdict of a field whose residual is limited by a bound of distortion."""
-        if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_kept:
+        if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_satisfied:
             return self
         return self.with_cause(self.kind, Cause.BOUNDED, **_bound_details(bound))
 
@@ -341,7 +341,7 @@ class _Case:
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])
-        words = f"{count} landmark{'s' * (count > 1)} within {last:.2g}% of sqrt(area)"
+        words = f"{counted(count, 'landmark')} within {last:.2g}% of sqrt(area)"
         if self.functions.is_constant:
             return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"

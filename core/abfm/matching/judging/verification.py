@@ -38,8 +38,8 @@ class Verification:
     subdivided : float
         Residual of the exponential of the continuous fields on the midpoint subdivision. It is inf
         if the flow overflows or would take very long, and NaN if it was not computed.
-    folded, overturned : float
-        Shares of the faces that the inverse flow folds, and of the faces that seem overturned by
+    folded, flipped : float
+        Shares of the faces that the inverse flow folds, and of the faces that seem flipped by
         their advected vertices alone. If the field is noise, they are tens of percent.
     resolution : float
         Number of edges that the narrow features of both functions span, masked vertices included.
@@ -48,7 +48,7 @@ class Verification:
     flow_lines: float
     subdivided: float
     folded: float
-    overturned: float
+    flipped: float
     resolution: float
 
     @property
@@ -112,11 +112,11 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     functions = problem.functions.on_mesh(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
     lines, places = flow_line_residual(functions, flow, faces)
-    folded, overturned = folded_shares(mesh, flow.origins, faces, places, CUT_FACES_MAX)
+    folded, flipped = folded_shares(mesh, flow.origins, faces, places, CUT_FACES_MAX)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(functions, fields, p)
-    return Verification(lines, on_fine, folded, overturned, narrowest(functions))
+    return Verification(lines, on_fine, folded, flipped, narrowest(functions))
 
 
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:

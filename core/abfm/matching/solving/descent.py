@@ -83,7 +83,7 @@ def minimise(
     best = start if isinstance(start, Evaluation) else search.evaluate(start)
     if not record.history:
         _refuse_overflow(best, levels)
-    record.arrive(levels, stage, best)
+    record.begin_stage(levels, stage, best)
     if stage.level != before.level:
         record.last_iterate = None  # not valid on this level
     progress = replace(before, best=best, level=stage.level)

@@ -1,4 +1,4 @@
-"""Gauss-Newton search for landmarks, whose part of the second derivative is known.
+"""Gauss-Newton search for landmarks, whose term has a known approximate second derivative.
 
 If flow lines pass a vertex on another side, they may end elsewhere, and the energy jumps. A
 descent would stop at each jump, even if only one landmark causes it. The energy may therefore rise

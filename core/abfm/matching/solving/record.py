@@ -88,7 +88,7 @@ class StepResult:
     x: FloatArray  # frame coefficients (N, F, 2)
     advected: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
-    measures: Mapping[str, float] = field(default_factory=dict)  # along flow lines, see `measured`
+    measures: Mapping[str, float] = field(default_factory=dict)  # see `flow_line_measures`
     score: Score = Score()
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
@@ -212,7 +212,7 @@ class Record:
         """Count an evaluation."""
         self.evaluations += 1
 
-    def arrive(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
+    def begin_stage(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
         """Record the first fields of a stage; on a new level they are an iterate."""
         self.latest = stage.level, point
         iterations, is_new = len(self.history), self._level != stage.level

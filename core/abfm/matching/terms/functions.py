@@ -29,6 +29,7 @@ from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import BoolArray, FloatArray
+from abfm.wording import counted
 
 VALUE_MIN = 1e-100
 VALUE_MAX = 1e100
@@ -74,7 +75,8 @@ class FunctionTerm:
         count = len(self.source)
         if count != len(self.target):
             raise FunctionError(
-                f"source has {count} and target {len(self.target)} channels; give equal numbers"
+                f"source has {counted(count, 'channel')} and target has {len(self.target)}; "
+                "expected equal numbers"
             )
         self.mask = None if mask is None else checked_mask(mesh, mask)
         self.weights = checked_weights(weights, count, "weights", "channel", True)

@@ -174,7 +174,8 @@ def landmarks_of(
         if len(pair) != 2 or len(pair[0].faces) != len(pair[1].faces):
             counts = " and ".join(str(len(points.faces)) for points in pair)
             raise ParameterError(
-                f"landmarks are {counts} points; expected a pair of SurfacePoints of equal numbers"
+                f"landmarks have {counts} points; expected two SurfacePoints with equal numbers of "
+                "points"
             )
     else:
         vertices = real_numbers(given, "landmarks", ParameterError)

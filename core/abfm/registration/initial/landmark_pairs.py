@@ -22,6 +22,7 @@ from abfm.reading import Format, open_file, rows_of
 from abfm.reading.text_tables import is_number
 from abfm.registration.initial.vertex_numbering import warn_of_numbering
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _OPTIONAL_COLUMNS = ("name", "weight", "curve")
 _SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # by words in column names
@@ -54,8 +55,8 @@ class Landmarks:
         counts = len(self.a.faces), len(self.b.faces), len(self.names)
         if len(set(counts)) > 1 or weights.shape != (counts[0],):
             raise AbfmError(
-                f"landmarks have {counts[0]} points of A, {counts[1]} of B, weights of shape "
-                f"{weights.shape} and {counts[2]} names; expected the same number of each"
+                f"landmarks have {counted(counts[0], 'point')} of A, {counts[1]} of B, weights of "
+                f"shape {weights.shape} and {counts[2]} names; expected the same number of each"
             )
         if not counts[0]:
             raise AbfmError("the list of landmarks is empty; expected at least one pair of points")
@@ -189,8 +190,8 @@ class _Side(NamedTuple):
         through = self.positions()
         if len(through) < 2:
             raise AbfmError(
-                f"curve {brief(curve)} has {len(through)} points on {self.which}; expected at "
-                "least 2"
+                f"curve {brief(curve)} has {counted(len(through), 'point')} on {self.which}; "
+                "expected at least 2"
             )
         share = np.linspace(0, 1, _CURVE_SAMPLES, endpoint=False)[:, None]
         straight = through[:-1, None] + share * np.diff(through, axis=0)[:, None]
@@ -250,7 +251,9 @@ class _Columns(NamedTuple):
 
     def read(self, number: int, cells: list[str]) -> _LandmarkRow:
         if len(cells) != self.width:
-            raise AbfmError(f"row {number} has {len(cells)} cells; expected {self.width}")
+            raise AbfmError(
+                f"row {number} has {counted(len(cells), 'cell')}; expected {self.width}"
+            )
         texts = {word: cells[k].strip() for word, k in self.others.items()}
         half = len(self.places) // 2
         sides = []
@@ -318,8 +321,8 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     if len(places) not in (2, 6):
         hint = ". Use decimal points, as commas separate columns" if has_decimal_commas else ""
         raise AbfmError(
-            f"it has {len(places)} columns of numbers; expected 2 (vertices of A and B) or 6 "
-            "(x, y, z on A and on B). Name additional columns in the first line: "
+            f"it has {counted(len(places), 'column')} of numbers; expected 2 (vertices of A and B) "
+            "or 6 (x, y, z on A and on B). Name additional columns in the first line: "
             f"{', '.join(_OPTIONAL_COLUMNS)}{hint}"
         )
     return _Columns(named, places, others, count, parse)

@@ -10,6 +10,7 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import Format, open_file
 from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 
 _WEIGHT_ROUNDING = 1e-3  # tolerance for weights in files: their sums, and negative values
 
@@ -48,8 +49,8 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
         except AbfmError as error:
             raise AbfmError(f"map {brief(path)}: {error}") from None
     raise AbfmError(
-        f"map {brief(path)} has {columns} columns; expected 1 (vertices of A), 2 (vertices "
-        "of A and B), or 4 (faces of A and weights)"
+        f"map {brief(path)} has {counted(columns, 'column')}; expected 1 (vertices of A), 2 "
+        "(vertices of A and B), or 4 (faces of A and weights)"
     )
 
 
@@ -64,7 +65,7 @@ def _of_pairs(
     wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
     try:
         if len(wrong):
-            raise ParameterError(f"row {wrong[0] + 1} holds {table[wrong[0]]}; expected integers")
+            raise ParameterError(f"row {wrong[0] + 1} has {table[wrong[0]]}; expected integers")
         pairs = zip((a, b), numbers.T.tolist(), strict=True)
         of_a, of_b = ([mesh.local_vertex(int(x)) for x in side] for mesh, side in pairs)
     except AbfmError as error:
@@ -76,7 +77,7 @@ def _of_pairs(
 
 def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
     """Return the row in A of each face (V,), given as its file counts them."""
-    if any("flipped" in message for message in a.messages):
+    if a.has_flipped_faces:
         raise AbfmError(
             "faces of A were flipped on reading, so their corners are no longer in the order of "
             "the file. Save A again and give weights for the new file, or use a file with a vertex "

@@ -30,7 +30,7 @@ from abfm.registration.initial.sphere_maps import (
     sphere_of,
 )
 from abfm.types import FloatArray
-from abfm.wording import factor
+from abfm.wording import counted, factor
 
 _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a plausible map, see `_checked`
 
@@ -146,8 +146,8 @@ def _by_landmarks(given: MapInput, options: list[str]) -> Initial:
     if given.landmarks is None or len(given.landmarks) < LANDMARKS_MIN:
         count = 0 if given.landmarks is None else len(given.landmarks)
         raise ParameterError(
-            f"the initial map 'landmarks' needs at least {LANDMARKS_MIN} landmarks; {count} are "
-            "given. Add landmarks, or choose another initial map, which also uses given landmarks."
+            f"the number of landmarks is {count}; the initial map 'landmarks' needs at least "
+            f"{LANDMARKS_MIN}. Add landmarks, or choose another initial map, which also uses them."
         )
     return search_initial_map(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
@@ -196,8 +196,8 @@ def _by_spheres(given: MapInput, options: list[str]) -> Initial:
     files = _two_files(options[mirror:])
     if len(files) not in (0, 2):
         raise ParameterError(
-            f"sphere:{','.join(options)} names {len(files)} files; expected 2 (the spheres of A "
-            "and B), or none if the surfaces are spheres themselves"
+            f"sphere:{','.join(options)} names {counted(len(files), 'file')}; expected 2 (the "
+            "spheres of A and B), or none if the surfaces are spheres themselves"
         )
     if files:
         sphere_a, sphere_b = _sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])

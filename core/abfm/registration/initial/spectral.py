@@ -31,6 +31,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.sign_search import candidates
 from abfm.registration.initial.spectra import Spectra
 from abfm.types import FloatArray, IntArray
+from abfm.wording import counted
 from abfm.workers.progress import step
 
 VERTICES_MAX = 5000  # for the search; larger meshes are coarsened
@@ -215,8 +216,8 @@ def _hints(
         ]
         if rows[0].shape[1] != rows[1].shape[1]:
             raise FunctionError(
-                f"A has {rows[0].shape[1]} functions and B has {rows[1].shape[1]}; expected equal "
-                "numbers"
+                f"A has {counted(rows[0].shape[1], 'function')} and B has {rows[1].shape[1]}; "
+                "expected equal numbers"
             )
         on_coarse = [
             f if fine is mesh else project_onto_surface(fine, mesh.vertices).pull_back(f)

@@ -20,6 +20,7 @@ from abfm.registration.initial.sphere_rotations import (
     rotation_by_landmarks,
 )
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 LANDMARKS_MIN = 3
 """Smallest number of landmarks that determine an initial map."""
@@ -103,7 +104,7 @@ def map_through_spheres(
     sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
     layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
     notes = [
-        f"{len(layout.folded)} faces of sphere {name} are flipped"
+        f"sphere {name} has {counted(len(layout.folded), 'flipped face')}"
         for name, layout in zip("AB", layouts, strict=True)
         if len(layout.folded)
     ]

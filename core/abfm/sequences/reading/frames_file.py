@@ -12,6 +12,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import as_float64
 from abfm.reading import Columns, counts_of, vertex_axis
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 
 class FramesFile(NamedTuple):
@@ -79,7 +80,10 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
         notes.append("it has as many frames as vertices; its rows are read as the frames")
     values = np.ascontiguousarray(as_float64(np.moveaxis(given, axis, 1)))
     if times is not None and times.shape != (len(values),):
-        raise ValueError(f"it has {times.size} times for {len(values)} frames")
+        raise ValueError(
+            f"it has {counted(times.size, 'time')} for {counted(len(values), 'frame')}; "
+            "expected one for each frame"
+        )
     return FramesFile(values, times, tuple(notes))
 
 

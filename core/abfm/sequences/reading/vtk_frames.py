@@ -28,6 +28,7 @@ from abfm.reading import (
 )
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm.workers.progress import stepped
 
 _NUMBERED_NAME = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
@@ -73,7 +74,7 @@ def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesF
     found = _of_grids(entries, mesh, array)
     if is_list:
         return found
-    note = f"{len(entries)} files from {entries[0][1].name} to {entries[-1][1].name}"
+    note = f"{counted(len(entries), 'file')} from {entries[0][1].name} to {entries[-1][1].name}"
     return found._replace(notes=(note, *found.notes))
 
 
@@ -142,7 +143,8 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
     files = list(dict.fromkeys(file for _, file in entries))
     if len(entries) > _FRAMES_PER_FILE_MAX * len(files):
         raise ValueError(
-            f"it lists {len(entries)} frames but only {len(files)} files; list each file once"
+            f"it lists {counted(len(entries), 'frame')} but only {counted(len(files), 'file')}; "
+            "list each file once"
         )
     bytes_max = inflated_size_max(sum(_size(file) for file in files))
     found: dict[Path, Grid] = {}
@@ -158,8 +160,8 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
                 )
             if len(entries) * grid.values.nbytes > bytes_max:
                 raise ValueError(
-                    f"its {len(entries)} frames take more than {bytes_max} bytes, the limit for "
-                    "files of this size"
+                    f"its {counted(len(entries), 'frame')} take more than {bytes_max} bytes, the "
+                    "limit for files of this size"
                 )
             is_complete = len(grid.points) == mesh.file_vertex_count
             points = grid.points[mesh.vertex_ids] if is_complete else grid.points
@@ -194,7 +196,7 @@ def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
         found = vtk_contents(open_file(file))
         if len(found.points) not in counts:
             count = len(found.points)
-            raise ValueError(f"it has {count} points; the mesh has {counts[1]} vertices")
+            raise ValueError(f"it has {counted(count, 'point')}; the mesh has {counts[1]} vertices")
         chosen = one_array(found.point_data, Request(counts, array))
     except OSError as error:
         raise ValueError(f"{name} cannot be read: {one_line(error)}") from error

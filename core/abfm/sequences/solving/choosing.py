@@ -1,9 +1,9 @@
 """Choice of the norm of fields and of sigma that best predict held-out patches.
 
 The patches of `abfm.matching.solving.held_out` are distributed over three intervals, spread over
-time. With fewer intervals, each has several parts of the patches. The first norm is followed from
-the largest sigma down. The other norms start from its fields, at a sigma of about the same
-smoothness. They try smaller and larger sigmas only if they predict nearly as well.
+time. With fewer intervals, each has several parts of the patches. The first norm is tried with
+decreasing sigmas from the largest one. The other norms start from its fields, at a sigma of about
+the same smoothness. They try smaller and larger sigmas only if they predict nearly as well.
 """
 
 from __future__ import annotations

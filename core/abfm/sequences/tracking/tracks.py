@@ -17,7 +17,7 @@ from abfm.numerics.real_numbers import is_integer
 from abfm.sequences.tracking.critical_points import CriticalPoints, PointKind
 from abfm.types import FloatArray, IntArray
 
-_DISTANCE_MAX = 6.0  # largest distance between consecutive fields, in mean edges along edges
+_DISTANCE_MAX = 6.0  # largest distance along edges between consecutive fields, in mean edge lengths
 _POINTS_AT_ONCE = 64  # points whose distances to all vertices are in memory
 _MISSED_FIELDS_MAX = 1  # consecutive fields in which a point may be missing
 

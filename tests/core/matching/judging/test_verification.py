@@ -54,7 +54,7 @@ def test_rotation_of_sphere_is_verified_with_order_two():
         errors = [getattr(one, name) for one in found]
         assert errors[-1] < 0.01
         assert observed_orders([4, 2, 1], errors).min() > 1.8
-    assert all(one.folded == one.overturned == 0 and not one.checks_disagree for one in found)
+    assert all(one.folded == one.flipped == 0 and not one.checks_disagree for one in found)
     assert [one.resolved for one in found] == [False, True, True]
     orders = observed_orders([1, 2, 4], [one.resolution for one in found])
     assert_allclose(orders, 1, rtol=0, atol=0.1)
@@ -82,19 +82,19 @@ def test_discrete_match_of_noise_is_not_confirmed():
     assert smooth.residual < 0.03
     assert not smooth.checks_disagree
     assert min(rough.residual, rough.subdivided) > 5 * smooth.residual
-    assert rough.overturned > 0.02
+    assert rough.flipped > 0.02
 
 
-def test_rough_fields_overturn_faces_or_overflow():
+def test_rough_fields_flip_faces_or_overflow():
     """The flow of a continuous field has no folds; without motion, the residual is known."""
     mesh = icosphere(3)
     f, g, field = rotated(mesh, AXIS, 0.2)
     smooth, rough = (
         verify(mesh, f, g, v, subdivided=False) for v in (field, noisy(mesh, field, 10.0))
     )
-    assert smooth.folded == smooth.overturned == 0
+    assert smooth.folded == smooth.flipped == 0
     assert rough.folded == 0
-    assert rough.overturned > 0.2
+    assert rough.flipped > 0.2
     fields = np.stack([60 * noisy(mesh, field, 1.0)] * 40)
     overflowing = verify(mesh, 1e99 * f, 1e99 * g, fields, linearised=True)
     assert overflowing.subdivided == np.inf

@@ -111,8 +111,11 @@ def test_invalid_maps_are_refused(tmp_path, array, named):
 def test_weights_of_flipped_faces_are_refused(tmp_path):
     faces = A.faces.copy()
     faces[7] = faces[7, ::-1]
-    with raises(AbfmError):
-        map_from_file(TriangleMesh(A.vertices, faces), B, saved(tmp_path / "m.txt", table(0, 1)))
+    flipped = TriangleMesh(A.vertices, faces)
+    assert flipped.has_flipped_faces
+    assert not A.has_flipped_faces
+    with raises(AbfmError, "flipped"):
+        map_from_file(flipped, B, saved(tmp_path / "m.txt", table(0, 1)))
 
 
 @settings(
