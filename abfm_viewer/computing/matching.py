@@ -123,8 +123,8 @@ class _History:
 
         def make() -> RunRecord:
             sigma = "auto" if parameters.sigma is None else f"{parameters.sigma:g}"
-            words = tuple(dict.fromkeys(word for each in iterates for word in each.shares))
-            shares = [[each.shares.get(word, 0.0) for word in words] for each in iterates]
+            words = tuple(dict.fromkeys(word for each in iterates for word in each.term_energies))
+            shares = [[each.term_energies.get(word, 0.0) for word in words] for each in iterates]
             energies = map(column, ("energy", "regularity", "mismatch_energy"))
             return RunRecord(
                 np.stack([*energies], axis=1),

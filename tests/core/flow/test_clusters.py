@@ -259,8 +259,8 @@ def test_energy_equals_that_of_the_clustered_flow(name):
         state = P @ expm_multiply(-0.5 * E.parameters.tau * D, R @ state)
     found = E.objective(0.2).evaluate(v)
     near(found.advected, state.T, 1e-8 * np.abs(state).max())
-    shares, _ = plain.measure(0.0).shares_and_residual(found.advected, 0.2)
-    assert found.mismatch == pytest.approx(sum(shares), rel=1e-12)
+    energies, _ = plain.measure(0.0).energies_and_derivative(found.advected, 0.2)
+    assert found.mismatch == pytest.approx(sum(energies), rel=1e-12)
     assert found.regularity == plain.objective(0.2).evaluate(v).regularity
     assert (E.discretisation.size, plain.discretisation.size) == (clusters.max() + 1, len(clusters))
 

@@ -92,8 +92,8 @@ def test_functions_and_landmarks_match_together():
     assert_matched(found)
     assert problem.functions.residual(found.advected.T) <= 0.05
     check_message(found.verdict.reason, 6, f"{100 * found.landmark_errors.max():.2g}%")
-    assert all(list(now.shares) == ["closeness", "landmarks"] for now in iterations)
-    assert all(sum(now.shares.values()) == now.mismatch_energy for now in iterations)
+    assert all(list(now.term_energies) == ["closeness", "landmarks"] for now in iterations)
+    assert all(sum(now.term_energies.values()) == now.mismatch_energy for now in iterations)
     alone = abfm.match(SPHERE, f, g)
     assert alone.landmark_errors is None
     errors = problem.landmarks.errors(alone.flow._lines.destinations(pair[0]))

@@ -301,7 +301,7 @@ def iterate(**given):
     """Return an iterate with the given attributes."""
     names = (field.name for field in fields(abfm.matching.Iteration) if field.default is MISSING)
     numbers = {"energy": 6.0, "regularity": 1.0, "mismatch_energy": 5.0, "residual": 0.4}
-    known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "shares": {}}
+    known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "term_energies": {}}
     return abfm.matching.Iteration(**(known | given))
 
 
@@ -334,10 +334,10 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
 
 def test_record_has_a_curve_for_each_term():
     history = _History()
-    history.add(iterate(shares={"closeness": 5.0}))
+    history.add(iterate(term_energies={"closeness": 5.0}))
     assert list(history.record(0.1, QUICK).curves) == ["energy", "smoothness", "closeness"]
     history.begin()  # landmarks are set during the run
-    history.add(iterate(shares={"closeness": 3.0, "landmarks": 2.0}))
+    history.add(iterate(term_energies={"closeness": 3.0, "landmarks": 2.0}))
     curves = history.record(0.1, QUICK).curves
     assert {name: list(values) for name, values in curves.items()} == {
         "energy": [6, 6],

@@ -39,7 +39,7 @@ class Evaluation:
     x: FloatArray  # frame coefficients (N, F, 2) of the fields
     energy: float  # total; infinite if the flow overflows
     regularity: float
-    shares: tuple[float, ...]  # energy of each data term
+    term_energies: tuple[float, ...]  # energy of each data term
     advected: FloatArray  # the sources of all data terms at tau, (C, V)
     differentiate: Callable[[], FloatArray]  # slower after the next evaluation
     # (L,), see `Landmarks`; None without landmarks, or if the flow overflows
@@ -48,7 +48,7 @@ class Evaluation:
     @property
     def mismatch(self) -> float:
         """The energy of all data terms."""
-        return float(sum(self.shares))
+        return float(sum(self.term_energies))
 
     @cached_property
     def gradient(self) -> FloatArray:
@@ -161,33 +161,33 @@ class Objective:
             momentum = self.tau / len(x) * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
-                shares, advected, differentiate = self._mismatch(x)
+                energies, advected, differentiate = self._mismatch(x)
             except AdvectionError:
-                shares, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
+                energies, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
                 advected = np.full_like(self.sources, np.nan)
             derivatives, errors = [differentiate], None
-            if self.landmarks is not None and np.isfinite(sum(shares)):
+            if self.landmarks is not None and np.isfinite(sum(energies)):
                 try:
                     misfit = self.landmarks(x)
                 except AdvectionError:
-                    shares = (np.inf,)
+                    energies = (np.inf,)
                 else:
-                    shares, errors = (*shares, misfit.share), misfit.errors
+                    energies, errors = (*energies, misfit.energy), misfit.errors
                     derivatives.append(misfit.differentiate)
 
         def gradient() -> FloatArray:
             return np.asarray(sum((by() for by in derivatives), momentum))
 
-        total = regularity + float(sum(shares))
-        return Evaluation(x, total, regularity, shares, advected, gradient, errors)
+        total = regularity + float(sum(energies))
+        return Evaluation(x, total, regularity, energies, advected, gradient, errors)
 
     def _mismatch(
         self, x: FloatArray
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
         if self.is_of_landmarks:
-            shares = self.misfit(self.sources - self.shift)[0]
+            energies = self.misfit(self.sources - self.shift)[0]
             return (
-                shares,
+                energies,
                 advect_functions(self.flow, x, self.sources),
                 partial(np.zeros, x.shape),
             )
@@ -198,13 +198,13 @@ class Objective:
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-        shares, residuals = self.misfit(advected - self.shift)
-        if not np.isfinite(sum(shares)):
+        energies, derivatives = self.misfit(advected - self.shift)
+        if not np.isfinite(sum(energies)):
             raise AdvectionError("the mismatch overflows")
         return (
-            shares,
+            energies,
             advected,
-            partial(gradient.differentiate_fields, flow, trajectories, residuals),
+            partial(gradient.differentiate_fields, flow, trajectories, derivatives),
         )
 
 
@@ -289,7 +289,7 @@ class MatchingEnergy:
         tolerance : float
             Truncates the series of the advection. The gradient is that of the truncated series.
         """
-        misfit = self.measure(reach).shares_and_residual
+        misfit = self.measure(reach).energies_and_derivative
         return Objective(
             self.regularizer(alpha),
             self.terms.sources,

@@ -153,7 +153,7 @@ class HeldOut(NamedTuple):
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
-        return Score(flow_lines + SETTINGS.area_price * log2_area, discrete, self.unmoved)
+        return Score(flow_lines + SETTINGS.area_weight * log2_area, discrete, self.unmoved)
 
     def _residual(self, advected: Sequence[FloatArray]) -> float:
         """Return the residual of functions (C, V) of each fold, on the patches of the folds."""

@@ -131,7 +131,7 @@ class Iteration:
     energy: float  # on the mesh of this level, scaled to unit area
     regularity: float
     mismatch_energy: float
-    shares: dict[str, float]  # parts of the mismatch energy by name of the data term
+    term_energies: dict[str, float]  # parts of the mismatch energy by name of the data term
     residual: float  # on the mesh of this level
     evaluations: int  # number of evaluations of the energy so far
     view: View
@@ -235,9 +235,9 @@ class Record:
     def _iteration(self, levels: Levels, stage: Stage, point: Evaluation) -> Iteration:
         energy, number = levels[stage.level].energy, len(self.history) - 1
         advected = point.advected[: len(energy.functions.source)]
-        shares: dict[str, float] = {}
-        for name, share in zip(energy.term_names, point.shares, strict=True):
-            shares[name] = shares.get(name, 0.0) + share
+        energies: dict[str, float] = {}
+        for name, part in zip(energy.term_names, point.term_energies, strict=True):
+            energies[name] = energies.get(name, 0.0) + part
         between = levels.all[stage.level : max(levels.mesh_level, stage.level) + 1]
         mesh = levels[levels.mesh_level].energy.mesh
         return Iteration(
@@ -252,7 +252,7 @@ class Record:
             energy=point.energy,
             regularity=point.regularity,
             mismatch_energy=point.mismatch,
-            shares=shares,
+            term_energies=energies,
             residual=energy.residual_at(point),
             evaluations=self.evaluations,
             view=IterateView(point.x, advected, between, mesh, number, self.is_provisional),

@@ -88,7 +88,7 @@ class ContinuationSettings:
     # weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual. For
     # 32 known flows, the errors are 1.10 times the smallest ones. By the discrete flow, they are
     # 1.19 times the smallest ones with weight 0.3, and 1.23 times with weight 0.2
-    area_price: float = 0.25
+    area_weight: float = 0.25
     # a fold continues while its energy falls by fold_fall_min within fold_iterations. All folds
     # take 1.5 times the evaluations of the steps, and sigma changes by 1% to 2% on a cortex
     fold_fall_min: float = 0.2

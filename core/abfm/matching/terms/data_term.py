@@ -32,7 +32,7 @@ class Restriction(Protocol):
 class Measure(Protocol):
     """The energy of a data term with a norm, as a function of the advected sources (C, V)."""
 
-    def value_and_residual(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
+    def value_and_derivative(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
         """Return the energy and its derivative (C, V)."""
         ...
 
@@ -99,13 +99,13 @@ class Sum:
     split: Callable[[FloatArray], list[FloatArray]]
     measures: Sequence[Measure]
 
-    def shares_and_residual(
+    def energies_and_derivative(
         self, advected: FloatArray, sigma: float
     ) -> tuple[tuple[float, ...], FloatArray]:
         """Return the energy of each term, and the derivative (C, V) of their sum."""
         parts = [
-            measure.value_and_residual(part, sigma)
+            measure.value_and_derivative(part, sigma)
             for measure, part in zip(self.measures, self.split(advected), strict=True)
         ]
-        shares, residuals = zip(*parts, strict=True)
-        return shares, np.concatenate(residuals)
+        energies, derivatives = zip(*parts, strict=True)
+        return energies, np.concatenate(derivatives)

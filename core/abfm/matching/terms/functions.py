@@ -270,8 +270,8 @@ class _Mismatch:
     unit: float
     norm: Callable[[FloatArray], FloatArray]  # multiplies by M
 
-    def value_and_residual(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
-        scale, residual, total = float(sigma * self.unit), np.empty_like(advected), 0.0
+    def value_and_derivative(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
+        scale, derivative, total = float(sigma * self.unit), np.empty_like(advected), 0.0
         try:
             weights = [float(weight) / scale**2 for weight in self.functions.weights]
         except (OverflowError, ZeroDivisionError):
@@ -281,9 +281,9 @@ class _Mismatch:
             ) from None
         for c, weight in enumerate(weights):
             difference = advected[c] - self.functions.target[c]
-            residual[c] = weight * self.norm(difference)
-            total += 0.5 * kernels.inner(residual[c], difference)
-        return total, residual
+            derivative[c] = weight * self.norm(difference)
+            total += 0.5 * kernels.inner(derivative[c], difference)
+        return total, derivative
 
 
 def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> FloatArray:

@@ -29,7 +29,7 @@ _USUAL_GOAL = 0.05
 class LandmarkMisfit(NamedTuple):
     """The landmark term at some fields."""
 
-    share: float  # its energy
+    energy: float
     errors: FloatArray  # (L,), see `Landmarks.errors`
     differentiate: Callable[[], FloatArray]  # by the fields, (N, F, 2)
 

@@ -39,11 +39,11 @@ class Places:
     def measure(self, parameters, reach):
         return self
 
-    def value_and_residual(self, advected, sigma):
-        residual = np.zeros_like(advected)
+    def value_and_derivative(self, advected, sigma):
+        derivative = np.zeros_like(advected)
         misfit = advected[:, self.vertices] - self.places.T
-        residual[:, self.vertices] = misfit / sigma**2
-        return float((misfit**2).sum()) / (2 * sigma**2), residual
+        derivative[:, self.vertices] = misfit / sigma**2
+        return float((misfit**2).sum()) / (2 * sigma**2), derivative
 
     def residual(self, advected):
         misfit = advected[:, self.vertices] - self.places.T
@@ -78,7 +78,7 @@ def both(**parameters):
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3])
 @pytest.mark.parametrize("reach", [0.0, 0.5])
-def test_residual_is_derivative_of_the_value(sigma, reach):
+def test_derivative_is_exact(sigma, reach):
     channels = np.stack([F, 2 * G], axis=1)
     terms = (
         FunctionTerm(MESH, channels, channels[:, ::-1], 1 + MESH.vertices[:, 2], [1.0, 2.5]),
@@ -87,27 +87,27 @@ def test_residual_is_derivative_of_the_value(sigma, reach):
     for term in terms:
         measure, rng = term.measure(P, reach), np.random.default_rng(0)
         step = 1e-5 * rng.normal(size=term.sources.shape)
-        value_and_residual = partial(measure.value_and_residual, sigma=sigma)
-        after, before = (value_and_residual(term.sources + s * step)[0] for s in (1, -1))
-        _, residual = value_and_residual(term.sources)
-        assert after - before == pytest.approx(2 * float((residual * step).sum()), rel=1e-6)
+        value_and_derivative = partial(measure.value_and_derivative, sigma=sigma)
+        after, before = (value_and_derivative(term.sources + s * step)[0] for s in (1, -1))
+        _, derivative = value_and_derivative(term.sources)
+        assert after - before == pytest.approx(2 * float((derivative * step).sum()), rel=1e-6)
 
 
 def test_terms_are_summed_and_advected_together():
     problem = both()
     first, second = problem.terms
     terms, functions = DataTerms(problem.terms), np.concatenate([G[None], MESH.vertices.T])
-    shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
+    energies, derivative = terms.measure(P, 0.0).energies_and_derivative(functions, 0.1)
     assert second.residual(functions[1:]) == 1
     distance = np.linalg.norm(MESH.vertices[17] - MESH.vertices[0])
-    assert shares == (0, pytest.approx(distance**2 * 50))
+    assert energies == (0, pytest.approx(distance**2 * 50))
     separate = [
-        term.measure(P, 0.0).value_and_residual(part, 0.1)
+        term.measure(P, 0.0).value_and_derivative(part, 0.1)
         for term, part in ((first, functions[:1]), (second, functions[1:]))
     ]
-    shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
-    assert shares == tuple(value for value, _ in separate)
-    assert np.array_equal(residual, np.concatenate([of_term for _, of_term in separate]))
+    energies, derivative = terms.measure(P, 0.0).energies_and_derivative(functions, 0.1)
+    assert energies == tuple(value for value, _ in separate)
+    assert np.array_equal(derivative, np.concatenate([of_term for _, of_term in separate]))
     assert terms.residual(functions) == 1
     at_rest = np.hypot(first.residual(F[None]), 1)
     assert terms.residual(terms.sources) == pytest.approx(at_rest)
@@ -119,8 +119,8 @@ def test_second_term_has_exact_gradient_and_matches():
     changes, iterations = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
     found = abfm.match(both(**changes), on_iteration=iterations.append)
     alone = abfm.match(MESH, F, G, Parameters.of(**changes))
-    assert all(list(now.shares) == ["closeness", "places"] for now in iterations)
-    assert all(sum(now.shares.values()) == now.mismatch_energy for now in iterations)
+    assert all(list(now.term_energies) == ["closeness", "places"] for now in iterations)
+    assert all(sum(now.term_energies.values()) == now.mismatch_energy for now in iterations)
     assert found.advected.shape == (len(F), 1)
     distance, without = (
         np.linalg.norm(match.push(MESH.vertices, 1.0)[17] - MESH.vertices[0])

@@ -41,12 +41,12 @@ def test_derivative_of_landmark_energy_is_exact(name, count):
 
     def evaluate(x):
         found = term.misfit(x, 1.2, 0.3)
-        return found.share, found.differentiate()
+        return found.energy, found.differentiate()
 
     x, step = fields(mesh, count, 1), 1e-5 * fields(mesh, count, 30)
     assert taylor_order(evaluate, x, step) > 1.9
     found = term.misfit(x, 1.2, 0.3)
-    assert found.share == pytest.approx(float(term.weights @ found.errors**2) / (2 * 0.09))
+    assert found.energy == pytest.approx(float(term.weights @ found.errors**2) / (2 * 0.09))
     curvature = term.curvature(x, 1.2, 0.3)
     gradient = curvature.jacobian.T @ (curvature.weights * curvature.residuals)
     assert_allclose(gradient.reshape(x.shape), found.differentiate(), atol=1e-12)
@@ -62,10 +62,10 @@ def test_derivative_with_functions_is_exact():
     assert taylor_order(energy, field, 1e-4 * step) > 1.9
     found = energy.objective(0.2).evaluate(to_frame(UNIT, field))
     assert energy.term_names == ("closeness", "landmarks")
-    assert found.energy == pytest.approx(found.regularity + sum(found.shares))
+    assert found.energy == pytest.approx(found.regularity + sum(found.term_energies))
     functions_only = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
     without = functions_only.objective(0.2).evaluate(to_frame(UNIT, field))
-    assert found.shares[0] == without.shares[0]
+    assert found.term_energies[0] == without.term_energies[0]
     misfit = problem.landmarks.misfit(to_frame(UNIT, field), 1.0, 0.1)
     assert_allclose(found.gradient, without.gradient + misfit.differentiate(), atol=1e-12)
     of_functions = problem.functions.residual(found.advected)
@@ -80,7 +80,7 @@ def test_rotation_moves_landmarks_to_known_points():
     assert term.misfit(x, 1.0, 1.0).errors.max() < 2e-3
     away = np.linalg.norm(SPHERE.vertices[PAIRS[:, 0], :2], axis=1) / SPHERE.length_scale
     assert_allclose(term.initial_errors, 0.7 * away, rtol=0.05, atol=0.01)
-    assert term.misfit(x, 1.0, 0.1).share < 1e-3 * term.misfit(0 * x, 1.0, 0.1).share
+    assert term.misfit(x, 1.0, 0.1).energy < 1e-3 * term.misfit(0 * x, 1.0, 0.1).energy
 
 
 def test_gradient_without_motion_points_to_targets():
@@ -137,7 +137,7 @@ def test_landmark_of_weight_zero_is_ignored():
     alone = landmarks_of(SPHERE, PAIRS[:1], None)
     x = fields(UNIT, 1, 4)
     one, other = (each.misfit(x, 1.0, 0.1) for each in (term, alone))
-    assert one.share == pytest.approx(other.share)
+    assert one.energy == pytest.approx(other.energy)
     assert_allclose(one.differentiate(), other.differentiate(), atol=1e-12)
 
 
