@@ -185,7 +185,7 @@ def test_measures_equal_the_verification(found, monkeypatch):
         verification.subdivided,
         verification.folded,
     ]
-    assert f"{verification.flow_lines:.2g} by flow lines" in label
+    assert f"{verification.flow_lines:.2g} along flow lines" in label
     assert note == ""
     verification = replace(verification, subdivided=np.inf)
     monkeypatch.setattr(Match, "verify", lambda self: verification)
