@@ -38,8 +38,8 @@ def page(tmp_path):
 def run(monkeypatch, *words):
     monkeypatch.setattr(sys, "argv", ["benchmark", *map(str, words)])
     rows = {"one": iter([("1", "2")]), "two": iter([("3", "4")])}
-    common.main("About", lambda _: {name: Table(("a", "b"), own) for name, own in rows.items()})
-    return [name for name, own in rows.items() if next(own, None) is None]
+    common.main("About", lambda _: {name: Table(("a", "b"), cells) for name, cells in rows.items()})
+    return [name for name, cells in rows.items() if next(cells, None) is None]
 
 
 def test_main_computes_and_writes_requested_tables(monkeypatch, page, capsys):

@@ -75,10 +75,10 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
     jacobian = np.zeros((len(mesh.vertices), v.size))
     for r in range(1, substeps + 1):
         # Eq. 9 has exp(-tau D_v)
-        left = substeps - r if as_printed and substeps > 1 else substeps - r + 1
+        remaining = substeps - r if as_printed and substeps > 1 else substeps - r + 1
         state = expm(-(r - 1) * dt * derivative) @ f
         dual = dual_directional_derivative(mesh, state).toarray()
-        jacobian -= dt * expm(-left * dt * derivative) @ dual @ average
+        jacobian -= dt * expm(-remaining * dt * derivative) @ dual @ average
     difference = expm(-p.tau * derivative) @ f - g
     momentum = p.tau * (vector_norm_matrix(mesh, p.alpha) @ v.ravel())
     mu = function_norm_matrix(mesh, p.beta) @ difference / p.sigma**2

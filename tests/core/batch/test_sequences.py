@@ -23,7 +23,7 @@ FRAMES = np.array([np.sin(6 * (X - 0.02 * t)) for t in range(3)])
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_run_after_the_other():
+def _batches_reuse_one_process():
     with reused_processes():
         yield
 

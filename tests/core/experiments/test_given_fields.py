@@ -70,8 +70,8 @@ def test_meshes_of_figures_are_valid():
 class TestFigure2:
     def test_differences_grow_in_time_and_converge(self):
         found = values(ran(2)[1])
-        quarter, half, whole = (x for name, x in found.items() if name.startswith("advected"))
-        assert 0 < quarter < half < whole < 0.3
+        quarter, half, full = (x for name, x in found.items() if name.startswith("advected"))
+        assert 0 < quarter < half < full < 0.3
         orders = [value for name, value in found.items() if name.startswith("order")]
         assert len(orders) == 2
         assert min(orders) > 1
@@ -169,14 +169,16 @@ class TestFigure5:
 
     @pytest.mark.parametrize("name", ["surface of revolution", "torus"])
     def test_result_agrees_with_exact_solution(self, name):
-        own = ran(5)[1]
-        [error] = [m for m in own.measures if name in m.name and "L2 error against" in m.name]
+        findings = ran(5)[1]
+        [error] = [m for m in findings.measures if name in m.name and "L2 error against" in m.name]
         assert error.value < 0.1
         assert error.reproduces is True
-        assert value(own, name, "order of the error against the exact u") > 0.3
-        assert value(own, name, "order of the bracket") > 0.8
-        assert value(own, name, "bracket norm relative") < 0.15 * value(own, name, "median")
-        assert value(own, name, "exchanged") < 0.02
+        assert value(findings, name, "order of the error against the exact u") > 0.3
+        assert value(findings, name, "order of the bracket") > 0.8
+        assert value(findings, name, "bracket norm relative") < 0.15 * value(
+            findings, name, "median"
+        )
+        assert value(findings, name, "exchanged") < 0.02
 
     def test_exact_solution_is_gradient_of_eigenfunction(self):
         """On the surface of revolution, the 1D eigenvalue and slopes equal those of the mesh."""
@@ -235,8 +237,8 @@ class TestFigure6:
 
     @pytest.mark.parametrize("name", names)
     def test_pushed_fields_converge_to_exact_fields(self, name):
-        _, own = ran(6)
-        found = [m for m in own.measures if name in m.name]
+        _, findings = ran(6)
+        found = [m for m in findings.measures if name in m.name]
         assert min(m.value for m in found if "order" in m.name) > 0.75
         errors = {m.name: m.value for m in found if "error" in m.name}
         short, shown = (errors[f"{name}: relative L2 error at t = {t}"] for t in (0.125, 0.25))

@@ -24,20 +24,20 @@ from tests.shapes import ellipsoid, icosphere, open_cylinder, tetrahedron, torus
 
 class TestFigures1And3:
     @pytest.fixture(params=[1, 3])
-    def own(self, request):
+    def default_figure(self, request):
         return ran(request.param)
 
-    def test_source_and_target_have_equal_mass(self, own):
+    def test_source_and_target_have_equal_mass(self, default_figure):
         """The target is at the other end of the surface."""
-        problem = own[0].problem
+        problem = default_figure[0].problem
         f, g = problem.source[:, 0], problem.target[:, 0]
         areas = vertex_areas(problem.mesh)
         assert areas @ f == pytest.approx(areas @ g, rel=1e-3)
         distances = geodesic_distance(problem.mesh, [int(f.argmax())])
         assert distances[g.argmax()] > 0.8 * distances.max()
 
-    def test_values_move_while_the_blend_fades(self, own):
-        example, findings = own
+    def test_values_move_while_the_blend_fades(self, default_figure):
+        example, findings = default_figure
         assert measured(findings, "mismatch at tau") < 0.2  # coarse mesh and few iterations
         methods = ("advection", "optimal transport", "linear blend")
         high = [measured(findings, f"{way}: largest value shown") for way in methods]
@@ -51,16 +51,16 @@ class TestFigures1And3:
         last = "drift of the mass at tau" + (", with the last" if cooled else "")
         assert measured(findings, "largest drift of the mass") > measured(findings, last)
 
-    def test_measures_have_bounds_and_claims(self, own):
-        entries = [measure.to_dict() for measure in own[1].measures]
+    def test_measures_have_bounds_and_claims(self, default_figure):
+        entries = [measure.to_dict() for measure in default_figure[1].measures]
         assert json.loads(json.dumps(entries)) == entries
         mismatch = entries[0]
         assert mismatch["bound"] == 0.05
         assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
 
-    def test_sheet_has_the_frames_of_the_paper(self, own):
+    def test_sheet_has_the_frames_of_the_paper(self, default_figure):
         """All methods are shown at the same times."""
-        example, findings = own
+        example, findings = default_figure
         first, *methods = findings.sheet.rows
         assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
         assert isinstance(first[2].paint, Streaks)
@@ -128,12 +128,12 @@ class TestFigure7:
 
 class TestFigure8:
     def test_match_recovers_the_hidden_field(self):
-        along, share, rate_error, whole, largest, mismatch, *verification = values(
+        along, share, rate_error, field_error, largest, mismatch, *verification = values(
             ran(8)[1]
         ).values()
         assert along < 0.1
         assert 0.1 < share < 1
-        assert rate_error < min(0.1, whole)
+        assert rate_error < min(0.1, field_error)
         assert max(largest, mismatch) < 0.02
         assert max(verification) < 0.1  # by flow lines, on the subdivided mesh; folded faces
         example = stated(8, torus(24, 12))

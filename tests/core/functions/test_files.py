@@ -74,13 +74,13 @@ def test_columns_by_name_and_by_number(tmp_path, delimiter):
     write_text(path, delimiter.join(["area", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth"):
         assert_array_equal(function(MESH, f'file:"{path}",column={column}'), VALUES)
-    for asked, named in (
+    for options, named in (
         ("", (2, "column=0", 1)),
         (",column=dept", ("dept",)),
         (",column=2", (2,)),
     ):
         with raises(FunctionError, *named):
-            function(MESH, f'file:"{path}"{asked}')
+            function(MESH, f'file:"{path}"{options}')
 
 
 def test_columns_of_arrays_and_gifti(tmp_path):
@@ -409,12 +409,12 @@ def test_map_memory_is_bounded_for_large_files(tmp_path):
 
 
 def test_mesh_with_vertex_numbers():
-    whole = with_loose_vertex(TINY)
+    complete = with_loose_vertex(TINY)
     ids = np.delete(np.arange(FEW + 1), 5)
     again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, FEW + 1))
-    assert again.messages == whole.messages
-    assert (again.vertex_ids == whole.vertex_ids).all()
-    assert again.file_vertex_count == whole.file_vertex_count
+    assert again.messages == complete.messages
+    assert (again.vertex_ids == complete.vertex_ids).all()
+    assert again.file_vertex_count == complete.file_vertex_count
 
 
 def test_matlab_part_of_unknown_type_is_refused(tmp_path):

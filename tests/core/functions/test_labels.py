@@ -102,9 +102,9 @@ def test_columns_of_labels_are_chosen(tmp_path):
     path = write_gifti(tmp_path / "a.label.gii", [VALUES, VALUES[::-1]])
     assert_array_equal(function(MESH, f"file:{path},label=odd,column=1"), VALUES[::-1] == -7)
     assert_array_equal(read_labels(path, "map 1").values, VALUES[::-1])
-    for asked, named in (("", (2, "column=0", 1)), (",column=2", (2,))):
+    for options, named in (("", (2, "column=0", 1)), (",column=2", (2,))):
         with raises(FunctionError, *named):
-            function(MESH, f"file:{path},label=odd{asked}")
+            function(MESH, f"file:{path},label=odd{options}")
 
 
 LIST = "#!ascii label, from subject a\n3\n5 0 0 0 2.5\n0 1.5 0 0 -1\n7 0 0 0 1\n"
@@ -124,13 +124,13 @@ def test_label_file_is_a_function(tmp_path):
     assert (found.names, found.vertices.tolist()) == (("value",), [5, 0, 7])
     assert found.values.tolist() == [[2.5], [-1], [1]]
     path.write_text(LIST.replace("7 0", f"{COUNT} 0"))
-    for asked, named in (
+    for options, named in (
         ("", (COUNT, 0)),
         (",column=2", ("value",)),
         (",label=V1", ()),
     ):
         with raises(FunctionError, *named):
-            function(MESH, f"file:{path}{asked}")
+            function(MESH, f"file:{path}{options}")
 
 
 def test_labels_are_not_values_or_maps(tmp_path):

@@ -200,13 +200,13 @@ def test_axes_of_length_one_are_removed(tmp_path, shape):
 
 def test_any_axis_may_be_the_vertices(tmp_path):
     """The size of an axis decides, for functions and for frames."""
-    film = RANDOM.standard_normal((3, COUNT))
-    np.save(tmp_path / "a.npy", film)
-    np.save(tmp_path / "b.npy", film.T)
+    frames = RANDOM.standard_normal((3, COUNT))
+    np.save(tmp_path / "a.npy", frames)
+    np.save(tmp_path / "b.npy", frames.T)
     for name in ("a.npy", "b.npy"):
-        assert_array_equal(value_of(tmp_path / name, ",column=2"), film[2])
-        assert_array_equal(read_frames(tmp_path / name, MESH).values, film)
-    np.save(tmp_path / "a.npy", film[:, 1:])
+        assert_array_equal(value_of(tmp_path / name, ",column=2"), frames[2])
+        assert_array_equal(read_frames(tmp_path / name, MESH).values, frames)
+    np.save(tmp_path / "a.npy", frames[:, 1:])
     with raises(FunctionError, 3, COUNT - 1, COUNT):
         value_of(tmp_path / "a.npy")
 

@@ -71,10 +71,12 @@ def test_geodesic_distance_approximates_shortest_paths():
 
 def test_geodesic_distance_to_several_vertices():
     mesh = icosphere(3)
-    apart = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
-    assert_allclose(function(mesh, "geodesic:vertex=3,50,200"), np.min(apart, axis=0), atol=1e-12)
+    distances = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
+    assert_allclose(
+        function(mesh, "geodesic:vertex=3,50,200"), np.min(distances, axis=0), atol=1e-12
+    )
     x, y, z = 1.2 * mesh.vertices[50]
-    assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
+    assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), distances[1])
     # vertex numbers may be floats, as in files
     found = geodesic_distance(mesh, np.array([3.0, 7.0]))
     assert_array_equal(found, geodesic_distance(mesh, [3, 7]))

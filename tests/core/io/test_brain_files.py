@@ -121,7 +121,7 @@ def test_missing_values_round_trip(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "structure", "intent", "told"),
+    ("name", "structure", "intent", "stored"),
     [
         ("lh.abfm.shape.gii", None, "NIFTI_INTENT_SHAPE", "CortexLeft"),
         ("sub-1_hemi-R_x.func.gii", None, "NIFTI_INTENT_NONE", "CortexRight"),
@@ -129,10 +129,10 @@ def test_missing_values_round_trip(tmp_path):
         ("a.func.gii", None, "NIFTI_INTENT_NONE", None),
     ],
 )
-def test_gifti_intent_structure_and_precision(tmp_path, name, structure, intent, told):
+def test_gifti_intent_structure_and_precision(tmp_path, name, structure, intent, stored):
     write_values(tmp_path / name, np.stack([VALUES, -VALUES], axis=1), structure)
     image = nibabel.load(tmp_path / name)
-    expected = {"AnatomicalStructurePrimary": told} if told else {}
+    expected = {"AnatomicalStructurePrimary": stored} if stored else {}
     assert dict(image.meta) == expected
     for array, sign in zip(image.darrays, (1, -1), strict=True):
         assert nibabel.nifti1.intent_codes.niistring[array.intent] == intent

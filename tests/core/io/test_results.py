@@ -161,7 +161,7 @@ def test_other_files_are_refused(tmp_path, path):
 def test_damage_is_detected(path):
     given = result_arrays()
     save_arrays(path, given)
-    whole = path.read_bytes()
+    content = path.read_bytes()
 
     def check(loaded):
         assert loaded.keys() == given.keys()
@@ -169,8 +169,8 @@ def test_damage_is_detected(path):
             assert_array_equal(array, given[name])
 
     hostile.with_flipped_bits(path, load_arrays, check)
-    for length in range(0, len(whole), len(whole) // 50):
-        path.write_bytes(whole[:length])
+    for length in range(0, len(content), len(content) // 50):
+        path.write_bytes(content[:length])
         check_message(error_line(path))
 
 
@@ -343,7 +343,7 @@ def test_decompressed_size_is_limited(saved, tmp_path):
 def test_invalid_zip_headers_are_refused(saved):
     """Sizes are wrong, or a name is not valid UTF-8."""
     packed, named = hostile.bomb(64 << 20), bytearray(saved.read_bytes())
-    whole = zipped(members(saved) | {"mask.npy": packed})
+    archive = zipped(members(saved) | {"mask.npy": packed})
     named[7] |= 8  # the name of the first entry is UTF-8
     named[30] = 0xFF  # its first letter
     saved.write_bytes(named)
@@ -351,7 +351,7 @@ def test_invalid_zip_headers_are_refused(saved):
     for size in (1 << 40, 100, len(packed) - 1):
         for width in (4, 8):
             truth, lie = (n.to_bytes(width, "little") for n in (len(packed), size % 256**width))
-            saved.write_bytes(whole.replace(truth, lie))
+            saved.write_bytes(archive.replace(truth, lie))
             match_error(saved)
 
 
@@ -381,21 +381,21 @@ MESH = icosphere(2)
 
 
 @pytest.fixture(scope="module")
-def whole():
+def matched():
     f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
     return match(MESH, f, g, Parameters.of(iterations=60, levels=2, segments=2, refine=0))
 
 
 @pytest.fixture
-def file(whole, path):
-    whole.save(path)
+def file(matched, path):
+    matched.save(path)
     return path
 
 
-def test_match_is_pickled_without_caches(whole):
-    prepare(whole.mesh, Parameters.of(levels=2))  # caches a coarser mesh and a lock
-    there = whole.advect([-0.5, 0.5, 1.0])
-    sent = pickle.dumps(whole)
+def test_match_is_pickled_without_caches(matched):
+    prepare(matched.mesh, Parameters.of(levels=2))  # caches a coarser mesh and a lock
+    there = matched.advect([-0.5, 0.5, 1.0])
+    sent = pickle.dumps(matched)
     assert len(sent) < 200_000  # working memory of flows would be larger
     came = pickle.loads(sent)
     assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
@@ -405,19 +405,19 @@ def test_match_is_pickled_without_caches(whole):
 def test_unknown_values_round_trip(path):
     control, f = Control(), bump(MESH, [0, 0, 1], 0.2)
     control.cancel(skip_checks=True)
-    whole = match(MESH, f, f[::-1].copy(), control=control)
-    whole.save(path)
-    for one in (whole, load(path)):
+    found = match(MESH, f, f[::-1].copy(), control=control)
+    found.save(path)
+    for one in (found, load(path)):
         assert np.isnan([one.verified_residual, one.folded]).all()
         assert one.stop_reason == "cancelled"
 
 
-def test_remedies_round_trip(whole, file):
+def test_remedies_round_trip(matched, file):
     """Files without remedies are loaded without any."""
     closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
     remedies = Remedy("Continue", "go on", {}, True), closer
-    judged = replace(whole, verdict=replace(whole.verdict, remedies=remedies))
+    judged = replace(matched, verdict=replace(matched.verdict, remedies=remedies))
     judged.save(file)
     assert load(file).verdict == judged.verdict
     put(file, remedies=None)
-    assert load(file).verdict == replace(whole.verdict, remedies=())
+    assert load(file).verdict == replace(matched.verdict, remedies=())

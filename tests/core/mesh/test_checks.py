@@ -233,8 +233,8 @@ def test_normalized_mesh_differs_only_in_scale():
 @given(power=st.integers(-55, 55))
 def test_sliver_check_is_scale_invariant(power):
     """A triangle of aspect ratio 1e-9 is accepted, and one of 1e-13 is refused."""
-    needle, flat = (TRIANGLE * [1, height, 1] * 10.0**power for height in (1e-9, 1e-13))
-    assert TriangleMesh(needle, ONE).messages == ()
+    sliver, flat = (TRIANGLE * [1, height, 1] * 10.0**power for height in (1e-9, 1e-13))
+    assert TriangleMesh(sliver, ONE).messages == ()
     with raises(MeshError):
         TriangleMesh(flat, ONE)
 

@@ -41,14 +41,14 @@ def meshio_mesh(points, **cells):
     return Object(points=points, cells=blocks, point_data={})
 
 
-def gifti(vertices, faces, real="float32", whole="int32"):
+def gifti(vertices, faces, real="float32", integer="int32"):
     arrays = [
         nibabel.gifti.GiftiDataArray(
             np.asarray(values, dtype=kind),
             f"NIFTI_INTENT_{intent}",
             datatype=f"NIFTI_TYPE_{kind.upper()}",
         )
-        for values, intent, kind in ((vertices, "POINTSET", real), (faces, "TRIANGLE", whole))
+        for values, intent, kind in ((vertices, "POINTSET", real), (faces, "TRIANGLE", integer))
     ]
     return nibabel.GiftiImage(darrays=arrays)
 

@@ -293,15 +293,15 @@ def test_hemispheres_at_one_place_have_the_file_order(scale):
     with raises(MeshError, 2, "--hemisphere L", "first", "--hemisphere R", "second") as caught:
         TriangleMesh(vertices, faces)
     assert [each.button for each in caught.value.remedies] == ["Left", "Right"]
-    for remedy, own in zip(caught.value.remedies, both, strict=True):
+    for remedy, expected in zip(caught.value.remedies, both, strict=True):
         mesh = TriangleMesh(vertices, faces, **remedy.options)
-        assert_array_equal(mesh.vertices, own)
+        assert_array_equal(mesh.vertices, expected)
         check_message(mesh.messages[0], 42, 84, "Workbench")
 
 
 @pytest.mark.parametrize("shift", [0.0, 3.0])
 def test_specks_belong_to_a_hemisphere(shift):
-    """A small component near the middle of the left hemisphere follows each of both."""
+    """A small component near the middle of the left hemisphere is kept with either hemisphere."""
     speck, right = 0.02 * SPHERE.vertices, 1.05 * SPHERE.vertices + [shift, 0, 0]
     vertices = np.concatenate([SPHERE.vertices, speck, right, speck + 0.1])
     faces = np.concatenate([SPHERE.faces + 42 * number for number in range(4)])
@@ -309,8 +309,8 @@ def test_specks_belong_to_a_hemisphere(shift):
         TriangleMesh(vertices, faces)
     buttons = [each.button for each in caught.value.remedies]
     assert buttons == ["Left, largest component", "Right, largest component"]
-    for remedy, own in zip(caught.value.remedies, (SPHERE.vertices, right), strict=True):
-        assert_array_equal(TriangleMesh(vertices, faces, **remedy.options).vertices, own)
+    for remedy, expected in zip(caught.value.remedies, (SPHERE.vertices, right), strict=True):
+        assert_array_equal(TriangleMesh(vertices, faces, **remedy.options).vertices, expected)
 
 
 def test_interleaved_components_are_not_hemispheres():

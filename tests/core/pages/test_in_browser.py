@@ -34,8 +34,8 @@ def color_of(value, colormap="abfm sequential"):
     """Return the color, 0 to 255, of a value, 0 to 1, where the surface faces the viewer."""
     table = linear_table(colormap, 256)
     places = np.arange(256) / 255
-    own = LIGHT * np.array([np.interp(value, places, channel) for channel in table.T])
-    return 255 * np.where(own <= 0.0031308, 12.92 * own, 1.055 * own ** (1 / 2.4) - 0.055)
+    linear = LIGHT * np.array([np.interp(value, places, channel) for channel in table.T])
+    return 255 * np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
 def even(*values):
@@ -176,9 +176,14 @@ def test_wheel_touch_and_keys_zoom(open_page):
     mouse.perform()
     smaller = covered(shown)
     assert smaller < 0.8 * before
-    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", 0)):
-        points = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
-        touch = {"type": kind, "touchPoints": points if apart else []}
+    for kind, distance in (
+        ("touchStart", 40),
+        ("touchMove", 60),
+        ("touchMove", 80),
+        ("touchEnd", 0),
+    ):
+        points = [{"x": x - distance, "y": y, "id": 0}, {"x": x + distance, "y": y, "id": 1}]
+        touch = {"type": kind, "touchPoints": points if distance else []}
         shown.driver.execute_cdp_cmd("Input.dispatchTouchEvent", touch)
     assert covered(shown) > 1.5 * smaller
 

@@ -18,8 +18,8 @@ def unpacked(store, entry):
     data = zlib.decompress(base64.b64decode(store.text()))
     rows, columns, size = (entry[name] for name in ("rows", "columns", "bytes"))
     count = rows * columns
-    own = np.frombuffer(data, np.uint8, count * size, entry["offset"]).reshape(size, count)
-    parts = [own[byte].astype(np.uint64) << np.uint64(8 * byte) for byte in range(size)]
+    planes = np.frombuffer(data, np.uint8, count * size, entry["offset"]).reshape(size, count)
+    parts = [planes[byte].astype(np.uint64) << np.uint64(8 * byte) for byte in range(size)]
     changes = sum(parts, np.zeros(count, np.uint64)).reshape(rows, columns)
     return (np.cumsum(changes, axis=0) % np.uint64(2 ** (8 * size))).astype(f"u{size}")
 

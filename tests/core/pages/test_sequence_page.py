@@ -108,10 +108,10 @@ def test_tracks_equal_those_of_critical_points(sequence, page):
     tracks = sequence.tracks()
     assert set(drawn) == {f"{track.kind}s" for track in tracks}
     for name, paths in drawn.items():
-        own = [track for track in tracks if f"{track.kind}s" == name]
-        duration = sum(np.ptp(track.times) for track in own)
+        same_kind = [track for track in tracks if f"{track.kind}s" == name]
+        duration = sum(np.ptp(track.times) for track in same_kind)
         assert np.ptp(paths.times, axis=1).sum() == pytest.approx(duration)
-        for track in own:
+        for track in same_kind:
             distances = np.linalg.norm(paths.starts[:, None] - track.points.positions[:-1], axis=2)
             assert distances.min(axis=0).max() < 1e-9
         steps = np.linalg.norm(paths.ends - paths.starts, axis=1)

@@ -137,8 +137,8 @@ def five(folder):
 
 
 def with_outlier(folder):
-    odd = np.random.default_rng(9).normal(size=(3, len(MESH.vertices)))
-    return five(folder).add("odd", (MESH.vertices**3 * odd.T).sum(axis=1), odd[0])
+    noise = np.random.default_rng(9).normal(size=(3, len(MESH.vertices)))
+    return five(folder).add("outlier", (MESH.vertices**3 * noise.T).sum(axis=1), noise[0])
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +231,7 @@ def test_template_does_not_drift_to_first_target(tmp_path):
 
 def test_outlier_is_named_and_excluded(population):
     assert population.fits.tolist() == [True] * 5 + [False]
-    assert population.names[5] == "odd"
+    assert population.names[5] == "outlier"
     assert population.reasons[5]
     assert not any(population.reasons[:5])
     assert population.worst_first()[0] == 5

@@ -28,8 +28,8 @@ ANGLES = 2 * np.pi * np.arange(400) / 400
 
 def moments(values, shares=None):
     found = Moments.at(values.shape[1])
-    for i, own in enumerate(values):
-        found.add(own, np.ones_like(own) if shares is None else shares[i])
+    for i, subject in enumerate(values):
+        found.add(subject, np.ones_like(subject) if shares is None else shares[i])
     return found
 
 

@@ -204,7 +204,7 @@ def test_gifti_agrees_with_nibabel(tmp_path, encoding, endian, order, kind):
 
 
 def test_gifti_external_file_is_read(tmp_path):
-    def beside(name, offset="4"):
+    def external(name, offset="4"):
         more = f'ExternalFileName="{name}" ExternalFileOffset="{offset}"'
         (tmp_path / "a.gii").write_bytes(gifti("", encoding="ExternalFileBinary", more=more))
         [array] = read_gifti(tmp_path / "a.gii").arrays
@@ -212,7 +212,7 @@ def test_gifti_external_file_is_read(tmp_path):
 
     (tmp_path / "a.bin").write_bytes(NINE.tobytes())
     os.mkfifo(tmp_path / "pipe")
-    assert beside("a.bin") == [1, 2, 3]
+    assert external("a.bin") == [1, 2, 3]
     for name, offset, named in (
         ("a.bin", "28", (8, 12)),
         ("a.bin", "-4", ()),
@@ -225,8 +225,8 @@ def test_gifti_external_file_is_read(tmp_path):
     ):
         (tmp_path.parent / "b.bin").write_bytes(NINE.tobytes())
         with raises((OSError, ValueError), *named):
-            beside(name, offset)
-    assert beside(str(tmp_path / "a.bin")) == beside("no/../a.bin") == [1, 2, 3]
+            external(name, offset)
+    assert external(str(tmp_path / "a.bin")) == external("no/../a.bin") == [1, 2, 3]
 
 
 OUTSIDE = b'<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">'

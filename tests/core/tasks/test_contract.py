@@ -22,7 +22,7 @@ from tests.spare_processes import reused_processes
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_run_after_the_other():
+def _batches_reuse_one_process():
     with reused_processes():
         yield
 
