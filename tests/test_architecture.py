@@ -46,7 +46,7 @@ def test_wheel_has_both_packages_and_all_assets(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/solve.py"} <= names
-    assert "abfm/pages/colormaps.csv" in names
+    assert {"abfm/pages/colormaps.csv", "abfm/py.typed", "abfm_viewer/py.typed"} <= names
     for folder in ("core/abfm/pages/template", "abfm_viewer/reports/templates"):
         place = folder.removeprefix("core/")
         assert {f"{place}/{path.name}" for path in (ROOT / folder).iterdir()} <= names

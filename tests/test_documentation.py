@@ -1,7 +1,9 @@
 """README, citation file and pages of the documentation site."""
 
+import doctest
 import re
 import runpy
+import shutil
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +25,12 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [*ROOT.glob("*.md"), *(path for path in DOCS.rglob("*.md") if "_build" not in path.parts)]
 START_PAGES = sorted((DOCS / "start").glob("*.md"))
 README_LINES_MAX = 110
+EXAMPLES = [
+    ".".join(path.relative_to(top).with_suffix("").parts)
+    for top, package in ((ROOT / "core", "abfm"), (ROOT, "abfm_viewer"))
+    for path in sorted((top / package).rglob("*.py"))
+    if ">>> " in path.read_text(encoding="utf-8")
+]
 
 
 def python_blocks(text):
@@ -48,6 +56,15 @@ def test_python_blocks_of_introduction_run(page, tmp_path, monkeypatch):
     """All blocks of a page form one program."""
     monkeypatch.chdir(tmp_path)
     exec("\n".join(python_blocks(page.read_text(encoding="utf-8"))), {})
+
+
+@pytest.mark.parametrize("module", EXAMPLES)
+def test_examples_in_docstrings_run(module, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(asset_path("eight.off"), "mesh.off")
+    result = doctest.testmod(import_module(module))
+    assert result.attempted > 0
+    assert result.failed == 0
 
 
 def test_every_family_has_a_working_example(tmp_path, monkeypatch):
