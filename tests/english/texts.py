@@ -103,7 +103,8 @@ def _messages(content: str, path: Path) -> Iterator[tuple[int, str, str]]:
 
 
 def _strings(line: int, words: str) -> Iterator[tuple[int, str, str]]:
-    if re.search(r"[a-z]{2,} [a-z]", words):
+    is_script = re.search(r"^import ", words, re.M)
+    if not is_script and re.search(r"[a-z]{2,} [a-z]", words):
         yield from ((line, "message", part) for _, part in _paragraphs(words))
 
 

@@ -36,7 +36,7 @@ class Computation(Protocol):
         """Return the absolute names of the files that it reads, whether they exist or not."""
 
     def relocated(self, places: Mapping[str, str]) -> Self:
-        """Return the same computation with other paths for its files, by their absolute names."""
+        """Return the same computation with new paths of its files, by their absolute names."""
 
     def compute(self) -> object:
         """Return the result."""

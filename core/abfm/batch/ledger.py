@@ -115,7 +115,10 @@ class Ledger:
         self.records_folder = self.folder / "ledger"
 
     def make(self) -> str:
-        """Create the folder if necessary, and return the text of its file ``identity``."""
+        """Create the folder if necessary, and return the text that identifies it.
+
+        The text is stored in the file ``identity`` of the folder.
+        """
         path = self.records_folder / "identity"
         with writing_in(self.folder):
             self.records_folder.mkdir(parents=True, exist_ok=True)

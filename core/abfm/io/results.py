@@ -336,7 +336,7 @@ def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
     except ValueError as error:
         reason = one_line(error, _REASON_LENGTH_MAX)
         raise ResultError(
-            f"{name_of(path)}: the file was not written: {reason}. {REMEDY}"
+            f"{name_of(path)}: the file was not written: {reason}. Match again and save"
         ) from error
     with _opened(path, write_atomically) as file, zipfile.ZipFile(file, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})

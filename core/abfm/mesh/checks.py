@@ -320,7 +320,7 @@ def _refuse_non_manifold_edges(draft: Draft) -> None:
 
 
 def _orient_consistently(draft: Draft) -> None:
-    """Flip faces so that neighbours agree, or raise a MeshError if the surface is one-sided.
+    """Flip faces to one orientation, or raise a MeshError if the surface is one-sided.
 
     Pieces whose faces are joined by edges are oriented separately. The normals of a closed piece
     point outward. A piece with a boundary keeps the orientation of most of its faces.

@@ -56,11 +56,11 @@ class Similarity:
 
 @dataclass(frozen=True)
 class OutlierAnalysis:
-    """Inclusion (N,), reasons of exclusion (empty for included subjects), and similarities."""
+    """Result of `find_outliers` for N subjects."""
 
-    fits: BoolArray
-    reasons: tuple[str, ...]
-    similarities: tuple[Similarity, ...]
+    fits: BoolArray  # (N,) whether each subject is included
+    reasons: tuple[str, ...]  # why each subject is excluded; empty for included subjects
+    similarities: tuple[Similarity, ...]  # of each subject to the others
 
 
 class ComparisonData(NamedTuple):
