@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import re
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +18,14 @@ from abfm.batch import run as run_rows
 from abfm.batch.cluster import ConnectionLostError
 from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.batch.table import known_columns
-from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
+from abfm.errors import (
+    ColumnError,
+    ParameterError,
+    brief,
+    did_you_mean,
+    one_line,
+    printable,
+)
 from abfm.io import write_atomically, write_csv
 from abfm.io.sheets import Up
 from abfm.matching.task import MatchTask
@@ -207,8 +213,10 @@ def _swept(
         over[name] = values
     try:
         rows = combinations([("mesh", arguments.table), *given], over)
+    except ColumnError as error:
+        raise UsageError(error.message_with(f"--{error.column}")) from error
     except ParameterError as error:
-        raise UsageError(re.sub("^column ", "--", str(error))) from error
+        raise UsageError(str(error)) from error
     first = rows[0].values()
     if not over.keys() & {each.name for each in MESH_INPUTS}:
         load_mesh(first["mesh"], **mesh_options(first).changed)  # otherwise every row would fail
@@ -249,7 +257,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
     seconds = time.perf_counter() - start
     if status not in (None, FAILED_STATUS) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
         done = sum(entry.state == "done" for entry in entries)
-        print_line(f"{done:,} of {len(rows):,} rows are finished; {_resume_advice(True)}")
+        print_line(f"finished: {done:,} of {len(rows):,} rows; {_resume_advice(True)}")
         return status
     return _report(entries, title, arguments, seconds, status)
 
@@ -272,8 +280,8 @@ def solved(
     entries = ledger.entries(rows)
     remaining = [number for number, entry in enumerate(entries) if entry.state != "done"]
     if len(remaining) < len(rows) and not arguments.quiet:
-        done = f"{len(rows) - len(remaining)} of {counted(len(rows), 'row')}"
-        print_line(f"{done} are already finished")
+        done = len(rows) - len(remaining)
+        print_line(f"already finished: {done} of {counted(len(rows), 'row')}")
     keys = {rows[number].key for number in remaining}
     with (
         cancelled_by_signals(control, "with the finished rows") as interrupt,

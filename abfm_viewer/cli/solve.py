@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import signal
 import time
 from collections.abc import Iterable, Mapping
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from abfm.batch import Row
-from abfm.errors import ParameterError, printable
+from abfm.errors import ColumnError, ParameterError, printable
 from abfm.outcome import Facts, Outcome
 from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
@@ -80,9 +79,9 @@ def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
     try:
         return Row("", options.given_texts(arguments, task.inputs), "", task)
     except ParameterError as error:
-        text = re.sub(
-            r"^column ([\w-]+)", lambda column: names.get(column[1], column[1]), str(error)
-        )
+        text = str(error)
+        if isinstance(error, ColumnError):
+            text = error.message_with(names.get(error.column, error.column))
         raise UsageError(f"{text}; see {arguments.parser.prog} --help") from error
 
 

@@ -14,7 +14,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import abfm
-from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
+from abfm import AbfmError, Parameters, TriangleMesh
+from abfm.errors import StartError
 from abfm.outcome import outcome_of
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Memo
@@ -153,7 +154,7 @@ class Matching:
 
     def __init__(self, run: Run[Any]) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
-        self.warm = False  # whether a new run starts from the present field instead of zero
+        self.warm = False  # whether a new run starts from the current field instead of zero
         self.running = False  # whether the present run is a match
         self.problem: ProblemSpec | None = None  # the newest one
         self.snapshot: Snapshot | None = None  # may be read at any time
@@ -271,8 +272,8 @@ class Matching:
 
         try:
             return solve(problem.starting_from(start))
-        except ParameterError as error:
-            if start is None or "start" not in str(error):
+        except StartError:
+            if start is None:
                 raise
             return solve(problem)  # a start found with other parameters may be too fast for these
 

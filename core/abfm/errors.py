@@ -76,6 +76,31 @@ class ParameterError(AbfmError):
     """A parameter outside its range."""
 
 
+class ColumnError(ParameterError):
+    """A missing or wrong value of a column of a table, or of the option with the same name.
+
+    Attributes
+    ----------
+    column : str
+        Name of the column.
+    """
+
+    def __init__(self, column: str, text: str) -> None:
+        super().__init__(f"column {column}{text}")
+        self.column, self._text = column, text
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self.column, self._text)
+
+    def message_with(self, name: str) -> str:
+        """Return the message with the name of an option instead of that of the column."""
+        return one_line(f"{name}{self._text}", MESSAGE_LENGTH_MAX)
+
+
+class StartError(ParameterError):
+    """An initial field that a match cannot start from, for example because it is too fast."""
+
+
 class ResultError(AbfmError):
     """A result file that cannot be read or written."""
 

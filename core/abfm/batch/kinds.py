@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from abfm.errors import ParameterError, brief
+from abfm.errors import ColumnError, ParameterError, brief
 from abfm.matching.task import MatchTask, ProblemTask
 from abfm.registration.symmetric import SymmetricTask
 from abfm.registration.task import RegistrationTask
@@ -28,7 +28,7 @@ def kind_of(given: Mapping[str, str]) -> type[Task]:
     """Return the type of task of a row, given its texts by column, or raise a ParameterError."""
     if (name := given.get(TASK.name)) is not None:
         if name not in KINDS:
-            raise ParameterError(f"column task: {brief(name)} is not one of {', '.join(KINDS)}")
+            raise ColumnError(TASK.name, f": {brief(name)} is not one of {', '.join(KINDS)}")
         return KINDS[name]
     for task in KINDS.values():
         if task.needs[0] in given:

@@ -16,7 +16,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from abfm.batch.kinds import KINDS, TASK, kind_of
-from abfm.errors import ParameterError, brief, did_you_mean, printable
+from abfm.errors import ColumnError, ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_regular, referenced_file
 from abfm.sequences.reading.vtk_frames import files_of_frames
@@ -76,19 +76,18 @@ class Row:
         seen = set[str]()
         for column, text in given:
             if column not in known:
-                raise ParameterError(
-                    f"column {column} is not an option of a {kind}{did_you_mean(column, known)}"
-                )
+                hint = did_you_mean(column, known)
+                raise ColumnError(column, f" is not an option of a {kind}{hint}")
             if column in seen and not known[column].repeats:
-                raise ParameterError(f"column {column} is given twice")
+                raise ColumnError(column, " is given twice")
             seen.add(column)
             try:
                 known[column].read(text)
             except ValueError as error:
-                raise ParameterError(f"column {column}: {error}") from None
+                raise ColumnError(column, f": {error}") from None
         missing = [column for column in task.needs if column not in seen]
         if missing:
-            raise ParameterError(f"column {missing[0]} is empty, but a {kind} requires it")
+            raise ColumnError(missing[0], f" is empty, but a {kind} requires it")
         folder = os.path.abspath(os.path.expanduser(folder)) if folder else ""
         self.__dict__.update(
             name=printable(" ".join(str(name).split())),

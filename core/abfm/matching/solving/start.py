@@ -3,7 +3,7 @@
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import ParameterError
+from abfm.errors import StartError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.levels import Levels
 from abfm.matching.solving.settings import SETTINGS
@@ -26,18 +26,16 @@ def initial_fields(energy: MatchingEnergy) -> FloatArray | None:
 def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
     """Return whether a start (N, F, 2) misses the target, so that a search is needed.
 
-    ``advected`` (C, V) is the source, advected by the start. ParameterError if this flow overflows
+    ``advected`` (C, V) is the source, advected by the start. StartError if this flow overflows
     or is unstable.
     """
     if not np.isfinite(advected).all():
-        raise ParameterError(
-            "the flow of the start overflows; use a start with slower fields, or none"
-        )
+        raise StartError("the flow of the start overflows; use a start with slower fields, or none")
     if energy.parameters.solver.reach:
         return energy.residual_of(start, advected) > SETTINGS.missed_residual
     largest, grown = float(np.abs(energy.terms.sources).max()), float(np.abs(advected).max())
     if grown > SETTINGS.unstable_factor * largest:
-        raise ParameterError(
+        raise StartError(
             f"the discrete flow of the start is unstable: values up to {largest:.3g} grow to "
             f"{grown:.3g}; use a start with slower fields, or none"
         )
