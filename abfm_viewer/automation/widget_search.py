@@ -40,7 +40,7 @@ class WidgetSearch:
         self._window.tick()
         widget = self._after_opening(label, within, kinds)
         if must_be_enabled and not widget.enabled:
-            raise DriverError(f"{label!r} is disabled at present, so it cannot be used")
+            raise DriverError(f"{label!r} is disabled now, so it cannot be used")
         widget = self._scrolled_to(widget)
         self.found.append(widget)
         return widget

@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
     )
-    add("--quiet", "no progress")
+    add("--quiet", "do not show progress")
     add_workers(parser)
 
 

@@ -40,9 +40,10 @@ Examples:
   abfm figure 1 --mesh bunny.obj --out figures
 """
 DETAILS = """\
-Frames in a picture are blue for the source, red for the target and black for the result. The JSON
-file has the measured numbers, and notes on values outside the range of the colours. For each number
-it records whether it is within its bound and whether it reproduces the claim of the paper.
+In a picture, the frame of a panel is blue for the source, red for the target and black for the
+result. The JSON file has the measured numbers, and notes on values outside the range of the
+colours. For each number it records whether it is within its bound and whether it reproduces the
+claim of the paper.
 
 The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
 few minutes. `all`, --jobs, --scheduler and --scheduler-file first solve the matches as a batch in

@@ -14,6 +14,7 @@ from abfm.loading import task_of
 from abfm.maps.symmetry import KINDS, SymmetryError, SymmetryKind, detect_symmetry
 from abfm.registration.report import map_details, map_lines
 from abfm.tasks.inputs import MESH_FORMATS
+from abfm.wording import counted
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import task_progress
@@ -133,7 +134,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
     rows = {
         **{name: f"{facts[name]:,}" for name in ("vertices", "faces", "edges")},
         "genus": facts["genus"],
-        "boundary": f"{loops} loop{'s' if loops > 1 else ''}" if loops else "none (closed)",
+        "boundary": counted(loops, "loop") if loops else "none (closed)",
         "area": f"{facts['area']:.6g}",
         "length scale": f"{scale:.6g}   (square root of the area; unit of Gaussian widths)",
         "bounding box": "  to  ".join(box),

@@ -182,11 +182,11 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     what = "number of processes on this machine (default: one per core)"
     add("--jobs", what, "N", type=processes)
     what = (
-        "address of a Dask scheduler that solves instead, such as tcp://10.0.0.1:8786. Use only a "
-        "trusted one: it can run programs on this machine and on its workers"
+        "use the cluster of the Dask scheduler at this address, such as tcp://10.0.0.1:8786. Use "
+        "only a trusted one: it can run programs on this machine and on its workers"
     )
     add("--scheduler", what, "ADDRESS", type=address)
-    add("--scheduler-file", "the same, by the file with its address", "FILE", type=Path)
+    add("--scheduler-file", "file with the address of the Dask scheduler", "FILE", type=Path)
 
 
 def cluster_of(arguments: argparse.Namespace) -> Cluster:

@@ -29,9 +29,9 @@ Write a page (.html) about a registration, to print or send. It has the verdict,
 surfaces and their functions, the distortion, the steps of the continuation and the parameters.
 Results of `abfm match` and `abfm symmetric` and maps of `Correspondence.save` also work.
 
-The page warns of folded faces and of a map that covers less than {100 * COVERAGE_MIN:g}% of A. It
-also warns if 5% of the vertices have a round-trip error above {RETURN_EDGES_MAX:g} edges. The
-element with id "facts" contains all numbers as JSON.
+The page warns of folded faces and of a map that covers less than {100 * COVERAGE_MIN:g}% of A.
+It also warns if 5% of the vertices have a round-trip error above {RETURN_EDGES_MAX:g} edge lengths.
+The element with id "facts" contains all numbers as JSON.
 
 Examples:
   abfm report reg.npz --out report.html

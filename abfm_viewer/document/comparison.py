@@ -49,7 +49,7 @@ class Comparison:
         name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
         kind_titles = {
             "difference": f"{name} minus the mean",
-            "mean": f"mean of the {int(self.population.fits.sum())} that fit",
+            "mean": f"mean of {int(self.population.fits.sum())} without outliers",
             "deviation": "standard deviation",
             "areas": "deviation of log2 J",
         }

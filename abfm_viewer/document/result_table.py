@@ -45,7 +45,7 @@ COLUMNS: Mapping[Name, Column] = {
     "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
     "log2_area": Column("|log2 J|", "Area change of the map, mean over the surface.", ".2f"),
     "correlation": Column(
-        "correlation", "Correlation with the mean of the other subjects that fit.", ".3f"
+        "correlation", "Correlation with the mean of the other subjects, without outliers.", ".3f"
     ),
     "reason": Column("why", "Reason for the verdict or for a failure."),
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import abfm
-from abfm.wording import counted, sentence, share
+from abfm.wording import sentence, share
 
 
 def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
@@ -26,7 +26,7 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
     changed = ", ".join(
         f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()
     )
-    start = "from the present field" if remedy.goes_on else "from no motion"
+    start = "from the current field" if remedy.goes_on else "from a zero field"
     given = f", with {changed}" if changed else ""
     return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 
@@ -42,12 +42,11 @@ def numbers_text(match: abfm.Match) -> str:
 
 
 def refinement_text(match: abfm.Match) -> str:
-    """Return ``found on the mesh subdivided 2 times, 16 times the faces``.
+    """Return ``found on a finer mesh, with 16 times as many faces``.
 
     The text is empty if the match was found on the user's mesh.
     """
-    times = counted(match.refined, "time")
-    found = f"found on the mesh subdivided {times}, {4**match.refined} times the faces"
+    found = f"found on a finer mesh, with {4**match.refined} times as many faces"
     return found if match.refined else ""
 
 

@@ -59,7 +59,7 @@ def draw_frames(context: Context) -> None:
         session.editor.select(channel=words.index(chosen))
     if sequence.frames.mask is not None:
         unknown = int(np.count_nonzero(sequence.frames.mask == 0))
-        ui.note(f"{unknown:,} vertices have no values (grey) and are not compared.")
+        ui.note(f"Vertices without values (grey, not compared): {unknown:,}")
     if sequence.phases is not None or sequence.period is not None:
         is_circular = sequence.phases is not None
         if ui.checkbox("circular", is_circular, _CIRCULAR_TIP) != is_circular:
@@ -114,7 +114,7 @@ def draw_settings(context: Context) -> None:
     for label, name, ends, tip in (
         ("smoothness α##alpha", "alpha", Range(1e-4, 1e4, log=True), _ALPHA),
         ("closeness σ##sigma", "sigma", Range(1e-3, 20, log=True), _SIGMA),
-        ("in time γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
+        ("time coupling γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
     ):
         value = getattr(settings, name)
         if name in _AUTO:
@@ -127,10 +127,10 @@ def draw_settings(context: Context) -> None:
                 editor.set_sequence_settings(name, f"change {label.partition('##')[0]}", **given)
         ui.refusal(name)
     shown = AUTO if settings.order is None else str(settings.order)
-    order = ui.combo("norm's order##order", shown, (AUTO, "1", "2"), _ORDER)
+    order = ui.combo("norm order##order", shown, (AUTO, "1", "2"), _ORDER)
     if order != shown:
         editor.set_sequence_settings(
-            "order", "change norm's order", order=None if order == AUTO else int(order)
+            "order", "change the norm order", order=None if order == AUTO else int(order)
         )
     if chosen := _chosen(document):
         ui.line(chosen)

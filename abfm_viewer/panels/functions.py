@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import abfm
 from abfm import FunctionError, TriangleMesh, functions
-from abfm.wording import sentence
+from abfm.wording import counted, sentence
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
@@ -91,7 +91,7 @@ def _draw_meshes(
 
 def _size(mesh: TriangleMesh) -> str:
     loops = len(mesh.boundary_loops)
-    boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
+    boundary = "" if mesh.is_closed else f", {counted(loops, 'boundary loop')}"
     topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
     return f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {topology}"
 
@@ -141,7 +141,7 @@ def _draw_expected(ui: Ui, session: Session) -> None:
         if ui.button("Rescale", _RESCALE):
             session.rescale()
     elif facts.advice:
-        ui.note(f"To try: {facts.advice}.")
+        ui.note(f"Advice: {facts.advice}.")
 
 
 def _draw_channels(context: Context) -> None:
@@ -155,13 +155,13 @@ def _draw_channels(context: Context) -> None:
         if ui.row(label, number == session.document.channel)[0]:
             editor.select(channel=number, bump=0)
     buttons = (
-        ("Add", _ADD_CHANNEL, editor.add_channel),
+        ("Add channel", _ADD_CHANNEL, editor.add_channel),
         ("Duplicate", "Copy the active channel.", editor.duplicate_channel),
         ("Remove", "Remove the active channel.", editor.remove_channel),
         ("Swap", "Exchange the active channel's source and target.", editor.swap_channel),
     )
     for label, tip, do in buttons:
-        if label != "Add":
+        if label != "Add channel":
             ui.same_line_if_fits(label)
         if ui.button(label, tip, enabled=several or label != "Remove"):
             do()

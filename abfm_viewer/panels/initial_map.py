@@ -65,7 +65,7 @@ _CHOICES = {
         "For surfaces that are spheres. The sphere of A is rotated to match the functions.",
         can_mirror=True,
     ),
-    "spheres made of both": _Choice(
+    "computed spheres": _Choice(
         "embedding",
         "By spheres computed from surfaces without handles. The sphere of A is rotated to match "
         "the functions.",

@@ -14,7 +14,7 @@ from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
     "function": "The advected function.",
-    "speed": "Speed of the field per time, in sqrt(area); for sequences in the mesh's unit.",
+    "speed": "Speed of the field, in sqrt(area) per time. Sequences use the unit of the mesh.",
     "divergence": "Divergence of the field: positive where the flow spreads.",
     "curl": "Curl of the field: where the flow rotates, and in which direction.",
     "coordinates": "Coordinates as red, green and blue, advected by the flow.",
@@ -65,7 +65,7 @@ def draw_coloring(context: Context) -> None:
 
 
 def draw_links(context: Context) -> None:
-    _switch(context, "lines from A to B", "links", "switch lines", _LINKS)
+    _switch(context, "lines from A to B", "links", "toggle lines", _LINKS)
 
 
 def _draw_labels(context: Context, opens: bool) -> None:
@@ -90,30 +90,32 @@ def draw_field(context: Context) -> None:
     ui.heading("flow")
     part = ui.combo("part", view.part, FIELD_PARTS, _PART)
     set_view(f"show the {part} field", part=part)
-    _switch(context, "arrows", "arrows", "switch arrows", _ARROWS)
+    _switch(context, "arrows", "arrows", "toggle arrows", _ARROWS)
     with ui.disabled(not view.arrows):
         tip = "Largest length as a fraction of sqrt(area). Dense arrows are shorter, so that they "
         tip += "do not overlap."
         length = ui.number("length", view.arrow_length, Range(0.01, 0.4), tip)
         if length is not None and length > 0:
-            set_view("arrows' length", "length", arrow_length=min(max(length, 0.001), 10.0))
+            set_view(
+                "change the length of arrows", "length", arrow_length=min(max(length, 0.001), 10.0)
+            )
         tip = "Density of arrows in pixels. Larger surfaces have more arrows."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
-        set_view("arrows' density", "density", arrow_density=density)
-    _switch(context, "streaks", "streaks", "switch streaks", _STREAKS)
+        set_view("change the density of arrows", "density", arrow_density=density)
+    _switch(context, "streaks", "streaks", "toggle streaks", _STREAKS)
     with ui.disabled(not view.streaks):
         ui.same_line_if_fits("fade with speed")
-        _switch(context, "fade with speed", "fade", "switch fading", _FADE)
+        _switch(context, "fade with speed", "fade", "toggle fading", _FADE)
         ui.same_line_if_fits("animate")
         tip = "Move the streaks along the field, here and in movies."
-        _switch(context, "animate", "animate", "switch animation", tip)
+        _switch(context, "animate", "animate", "toggle animation", tip)
 
 
 def draw_tracks(context: Context) -> None:
     """Draw the switch for the tracks of a sequence, and the legend of their colours."""
     ui, session = context.ui, context.session
     with ui.disabled(session.document.result is None):
-        _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
+        _switch(context, "tracks", "tracks", "toggle tracks", _TRACKS)
     if found := context.shown.tracks.counts():
         named = {counted(count, kind): CRITICAL_COLORS[kind] for kind, count in found.items()}
         plots.legend(ui, named)
@@ -166,9 +168,10 @@ def _error(context: Context) -> None:
     if session.result is not None and not (session.outdated or session.solver.running):
         if not session.result.problem.is_of_landmarks:
             numbers = abfm.matching.residual_text(session.result)
-            ui.note(f"Mismatch at τ: {numbers}; relative to the target in L2.")
+            ui.note(f"Residual at τ, relative to the target minus its mean in L2: {numbers}.")
         if session.result.refined:
-            ui.note(f"{sentence(refinement_text(session.result))} View, Finer mesh shows it there.")
+            found = sentence(refinement_text(session.result))
+            ui.note(f"{found} View > Finer mesh shows it there.")
 
 
 def _field(context: Context) -> None:
@@ -200,7 +203,7 @@ def _map(context: Context) -> None:
         f"Area change |log2 J|: mean {area.mean:.3f}, 95% below {area.p95:.3f}. "
         f"Shape change |log2 R|: mean {shape.mean:.3f}, 95% below {shape.p95:.3f}. "
         f"Folded faces: {found.folded}. "
-        f"Error of the round trip: median {back.median:.2g} edges, 95% below {back.p95:.2g}."
+        f"Round-trip error: median {back.median:.2g} edge lengths, 95% below {back.p95:.2g}."
     )
     if quality.warning:
         ui.note(f"Warning: {quality.warning}.", "failure")

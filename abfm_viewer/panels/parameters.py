@@ -43,17 +43,17 @@ _PARAMETER_TEXTS = {
     "beta": _About("slopes β", "section 3, Eq. 3", Range(0, 1, log=True)),
     "tau": _About("time τ", "Eq. 3, section 7", Range(0.1, 10, log=True)),
     "reach": _About("reach", "", Range(0, 2)),
-    "divergence": _About("keeping areas", "1", Range(0.1, 1000, log=True)),
+    "divergence": _About("area preservation", "1", Range(0.1, 1000, log=True)),
     "iterations": _About("iterations", "section 7", Range(1, 2000, log=True)),
     "sigma_unit": _About("unit of σ", "absolute"),
-    "landmark_sigma": _About("landmarks' λ", "", Range(1e-4, 0.1, log=True)),
-    "cooling_stages": _About("stages of σ", "section 7, Table 1", Range(0, 6)),
-    "cooling_factor": _About("σ divided by", "section 7, Table 1", Range(1.5, 100, log=True)),
-    "stage_iterations": _About("stage length", "section 7", Range(0, 200)),
+    "landmark_sigma": _About("landmark tolerance", "", Range(1e-4, 0.1, log=True)),
+    "cooling_stages": _About("cooling stages", "section 7, Table 1", Range(0, 6)),
+    "cooling_factor": _About("cooling factor", "section 7, Table 1", Range(1.5, 100, log=True)),
+    "stage_iterations": _About("stage iterations", "section 7", Range(0, 200)),
     "goal": _About("goal", "", Range(0.01, 0.5, log=True)),
     "refine": _About("refinements", ""),
     "levels": _About("mesh levels", "", Range(0, 5)),
-    "order": _About("norm's order", "only 1", Range(1, 2)),
+    "order": _About("norm order", "only 1", Range(1, 2)),
     "method": _About("method", "Eqs. 4 and 5, section 5"),
     "segments": _About("consecutive fields", "Eq. 6, section 5", Range(0, 40)),
     "gradient": _About("gradient", "Eqs. 7 and 9"),
@@ -132,7 +132,7 @@ def draw(context: Context) -> None:
             for name in [name for name in _PARAMETER_TEXTS if name not in _MAIN_PARAMETERS]:
                 with ui.disabled(name in unused):
                     _control(ui, session, name)
-            spec = ui.text("mask", session.document.mask, _MASK, hint="none: all vertices count")
+            spec = ui.text("mask", session.document.mask, _MASK, hint="empty: equal weights")
             if spec is not None:
                 with ui.refusals.refusing("mask"):
                     session.editor.set_mask(spec.strip())

@@ -20,9 +20,9 @@ from abfm_viewer.widgets.widget_record import Rect
 
 _COMPARISON_TIPS: dict[ComparisonKind, str] = {
     "difference": "The subject's values minus the mean of the others.",
-    "mean": "Mean of all subjects that fit.",
-    "deviation": "Standard deviation over the subjects that fit.",
-    "areas": "Standard deviation of log2 J over the subjects that fit.",
+    "mean": "Mean of the subjects, without outliers.",
+    "deviation": "Standard deviation over the subjects, without outliers.",
+    "areas": "Standard deviation of log2 J over the subjects, without outliers.",
 }
 _FLAGS = (
     imgui.ImGuiTableFlags_Resizable

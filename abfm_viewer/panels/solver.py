@@ -227,8 +227,8 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     found, number = compared.population, compared.subject
     verdict = found.verdicts[number] or "failed"
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
-    misfit = "" if found.fits[number] else ", does not fit"
-    ui.note(f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
+    outlier = "" if found.fits[number] else ", outlier"
+    ui.note(f"{compared.name}: {verdict}{outlier}", "good" if is_good else "failure")
     if found.reasons[number]:
         ui.note(sentence(found.reasons[number]), "ink")
     about = "Shown on the template. Press Registration in the table to see the flow."
@@ -258,7 +258,7 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
             _draw_continue(ui, session)
     has_button, advice = bool(remedies) or distorts, facts.advice
     if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
-        ui.note(f"To try: {advice}.")
+        ui.note(f"Advice: {advice}.")
     elif was_interrupted:
         ui.note("Continue resumes the match. Match starts again.")
 

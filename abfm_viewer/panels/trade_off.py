@@ -21,9 +21,9 @@ Steps: TypeAlias = "tuple[abfm.matching.PathStep, ...]"
 
 _SOLVER_CHOICE = "solver's choice"
 _STEP = (
-    "Step of the path that is shown, saved and exported; also chosen by a click on the curve or by "
-    "Up and Down. The shown step is measured again on the mesh without merging vertices of thin "
-    "triangles, so its residual may be larger."
+    "Step of the continuation to show, save and export; a click on the curve, Up and Down also "
+    "choose it. Its residual is recomputed without merging vertices of thin triangles, so it may "
+    "be larger."
 )
 _BOUND_TIP = (
     "Largest area and shape change, |log2 J| and |log2 R|, on 99% of the faces: 1 allows factors "
@@ -35,11 +35,11 @@ _LIMIT_TIP = "Find the field of smallest residual within the bound."
 _AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
 _TICKS_MAX = 6
 _FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
-_FLOW_LINE_MARK_SIZE = 5.5
-_RESIDUAL_MARK_SIZE = 3.5
-_SHOWN_MARK_GROWTH = 2.5
+_FLOW_LINE_MARKER_SIZE = 5.5
+_RESIDUAL_MARKER_SIZE = 3.5
+_SHOWN_MARKER_GROWTH = 2.5
 _CLICK_DISTANCE = 16
-"""Lengths at a scale of 1. Marks of flow lines are larger, as those of the residual cover them."""
+"""Pixels at scale 1. Markers of the residual cover those of flow lines, which are larger."""
 
 
 def path_of(session: Session) -> Steps:
@@ -127,15 +127,16 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         if len(now):
             plots.horizontal_line("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
         for name, residuals, ink, size in (
-            ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARK_SIZE),
-            ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARK_SIZE),
+            ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARKER_SIZE),
+            ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARKER_SIZE),
         ):
             plots.line(name, residuals, ink, ui.px(1.8), areas)
             plots.dots(f"##{name}", (areas, residuals), ui.px(size), (ink, ink))
             if chosen is not None:
                 at = slice(shown, shown + 1)
                 place, edge = (areas[at], residuals[at]), ui.colors.ink
-                plots.dots(f"##{name} shown", place, ui.px(size + _SHOWN_MARK_GROWTH), (ink, edge))
+                growth = _SHOWN_MARKER_GROWTH
+                plots.dots(f"##{name} shown", place, ui.px(size + growth), (ink, edge))
         _clicks(ui, session, path, (areas, by_flow, by_lines), chosen)
 
 
@@ -193,7 +194,7 @@ def _step_text(path: Steps, number: int, chosen: int | None) -> str:
             f"shape change: factor {factor(step.log2_shape)}, mean |log2 R| {step.log2_shape:.3g}",
         ]
     if step.folded == step.folded:
-        lines.append(f"{100 * step.folded:.2g}% folded")
+        lines.append(f"{100 * step.folded:.2g}% of the faces folded")
     if step.score == step.score:
         lines.append(f"held-out score {step.score:.4f}; the solver chooses the smallest")
     return "\n".join(lines)

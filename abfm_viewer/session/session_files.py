@@ -411,8 +411,8 @@ class SessionFiles:
             self.when_free(what, do)
 
         text = f"{capital(now.what)} is still in progress. {capital(what)} would cancel it."
-        answers = {f"End {now.what}": cancel, "Go back": None}
-        self._open_question("End what is being set up?", text, answers, instead)
+        answers = {f"Cancel {now.what}": cancel, "Go back": None}
+        self._open_question("Cancel the current task?", text, answers, instead)
 
     def _do_after_run(self, what: str, do: Action) -> None:
         """Perform an action after the run ended while the question was open.
@@ -426,7 +426,7 @@ class SessionFiles:
             f"The run of {self._session.document.name} has ended meanwhile, and its result is not "
             f"saved. {capital(what)} replaces it; Undo returns to it."
         )
-        self._open_question("Go on?", text, {"Go on": do, "Go back": None})
+        self._open_question("Replace the result?", text, {"Replace": do, "Go back": None})
 
     def end_run(self, what: str, then: Action) -> None:
         """End the run, and perform an action when it has ended."""

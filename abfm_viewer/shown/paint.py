@@ -174,7 +174,7 @@ class Painter:
         is_behind = shown.flow.is_behind if is_function else is_busy
         title = self._session.document.slot_title("advected")
         if not self._session.document.has_one_field and shown.flow.state is None:
-            title = f"{title}, only blended"
+            title = f"{title}, linear blend"
         title = self._extrapolated(title, is_behind)
         unknown = self._unknown("carried")
 

@@ -135,9 +135,9 @@ class Actions:
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
         self.cancel = solver(_ESCAPE, "Esc", self._escape)
-        text = "show a smoother step of the path, or the row above"
+        text = "show a smoother step of the continuation, or the row above"
         self.smoother = solver(text, "Up", lambda: self._select_next(-1))
-        text = "show a closer step of the path, or the row below"
+        text = "show a closer step of the continuation, or the row below"
         self.closer = solver(text, "Down", lambda: self._select_next(1))
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "Space", session.player.toggle)
@@ -148,7 +148,9 @@ class Actions:
         views, switch = partial(Action, "View"), self._switch
         self.switch_theme = views("light or dark theme", "L", self._switch_theme)
         show = self._dialogs.show
-        self.show_shortcuts = views("this list", "F1", lambda: show("Shortcuts", self.listed()))
+        self.show_shortcuts = views(
+            "this list of shortcuts", "F1", lambda: show("Shortcuts", self.listed())
+        )
         do = partial(set_view, "look from the front", viewpoint=None)
         self.reset = views("look from the front again", "R", do)
         self.axes = {
@@ -267,7 +269,7 @@ class Actions:
             return
         text = (
             f"{origin.path.name} has changed since it was opened or saved here. Saving replaces "
-            "its present content."
+            "its current content."
         )
         other = partial(self._choose_file, then, document)
         answers = {OTHER_NAME: other, "Replace": write, "Go back": None}

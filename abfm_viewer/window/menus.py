@@ -95,7 +95,7 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     ui.tip("Open surface B and register the first one, A, to it: a flow on B moves A's functions.")
     if menu_item(ui, "Open frames..."):
         context.open_frames()
-    ui.tip("Open a function on the present mesh at several times; consecutive frames are matched.")
+    ui.tip("Open a function on the current mesh at several times; consecutive frames are matched.")
     has_second = len(context.session.document.surfaces) > 1
     if menu_item(ui, "Close second surface", enabled=has_second):
         close = partial(context.session.set_surfaces, context.session.surface("source"))
@@ -155,7 +155,7 @@ def _view(ui: Ui, actions: Actions) -> None:
             action.do()
     is_finer = session.result is not None and session.result.refined > 0
     if menu_item(ui, "Finer mesh", checked=view.finer, enabled=is_finer or view.finer):
-        session.editor.set_view("switch the finer mesh", finer=not view.finer)
+        session.editor.set_view("toggle the finer mesh", finer=not view.finer)
     ui.tip(_FINER_TIP)
     if menu_item(ui, "Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()

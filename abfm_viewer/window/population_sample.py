@@ -21,7 +21,7 @@ NAME = "population.npz"
 """Name of the file of the population."""
 MESH = "human_A.off"
 SUBJECTS = 8
-OUTLIER_NAME = "subject 5, odd"
+OUTLIER_NAME = "subject 5, outlier"
 _DISPLACEMENT = 0.06  # root mean square of the fields, in sqrt(area)
 _NOISE = 0.05  # standard deviation of the noise of the values
 _WAVES = 6  # in each field

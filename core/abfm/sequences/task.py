@@ -199,11 +199,11 @@ class SequenceTask(Task):
             metavar="NAME",
             group=_FRAMES,
         ),
-        mask_input("mask", "weight of the mismatch at each vertex, 0 for unknown values"),
+        mask_input("mask", "weight of the mismatch at each vertex (0: value unknown)"),
         number_input(
             "gamma",
             "coupling of neighbouring intervals: weight of the difference of their fields; 0 "
-            "solves each interval alone",
+            "solves each interval independently",
             "X",
             f"from 0 to {GAMMA_MAX:g}",
             lambda gamma: 0 <= gamma <= GAMMA_MAX,

@@ -321,7 +321,7 @@ def function_input(name: str, help: str) -> Input:
 
 def mask_input(name: str, help: str) -> Input:
     """Return the input of a mask: a nonnegative weight at each vertex."""
-    text = f"{help}, at least 0: a file of values or a SPEC"
+    text = f"{help}, 0 or more: a file of values or a SPEC"
     return Input(name=name, help=text, metavar="FILE", group="functions", renamed=renamed_function)
 
 

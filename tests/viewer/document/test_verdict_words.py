@@ -202,7 +202,7 @@ def test_remedies_are_written_as_command_line_options(found):
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
     first, second = map(verdict_words.remedy_tooltip, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
-    assert second == "Go on.\nStarts a run from the present field."
+    assert second == "Go on.\nStarts a run from the current field."
 
 
 @pytest.mark.parametrize(

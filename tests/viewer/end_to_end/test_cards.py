@@ -289,14 +289,14 @@ def answer_during_a_run(gui, tmp_path):
     assert session.solver.running
     drop()
     session.solver.cancel()
-    gui.wait(lambda _: gui.window.dialogs.has_question("Go on?"))
+    gui.wait(lambda _: gui.window.dialogs.has_question("Replace the result?"))
     assert not gui.window.dialogs.has_question("End the run?")
-    gui.click("Go back", within="Go on?")
+    gui.click("Go back", within="Replace the result?")
     assert session.result is not None
-    for answer, question in (("End the run", "End the run?"), ("Go on", "Go on?")):
+    for answer, question in (("End the run", "End the run?"), ("Replace", "Replace the result?")):
         begin(gui)
         drop()
-        if answer == "Go on":
+        if answer == "Replace":
             session.solver.cancel()
         gui.click(answer, within=question)
         gui.wait(lambda s: s.document.name == "b.off")

@@ -95,7 +95,7 @@ def test_tour_of_landmarks_on_one_surface(tmp_path):
         gui.wait(lambda s: s.outdated and not s.obstacle)
         match(gui)
         assert not session.outdated
-        gui.click("Add")
+        gui.click("Add channel")
         gui.wait(lambda s: s.outdated)
 
 

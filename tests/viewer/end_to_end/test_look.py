@@ -130,7 +130,7 @@ def warn_of_a_torn_map(matched, notes):
 
 def hide_old_numbers_during_a_run(matched, notes):
     def notes_now():
-        return any(text.startswith("Mismatch at τ") for text, _ in notes())
+        return any(text.startswith("Residual at τ") for text, _ in notes())
 
     matched.click("Look")
     assert notes_now()

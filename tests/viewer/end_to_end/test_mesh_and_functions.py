@@ -28,7 +28,7 @@ def test_tour_of_functions_from_files(gui, walk):
 
 
 def match_two_channels(gui):
-    gui.click("Add")
+    gui.click("Add channel")
     for side in ("source", "target"):
         gui.choose("family", "eigenfunction", within=side)
     settled(gui)
@@ -72,14 +72,14 @@ def make_phases_circular(gui, tmp_path):
 def edit_channels_and_gaussians(gui):
     session = gui.session
     first = session.channels[0]
-    gui.click("Add", within="Functions")
+    gui.click("Add channel", within="Functions")
     assert len(session.channels) == 2
     gui.drag("weight", 3)
     assert session.active.weight == pytest.approx(3, abs=0.2)
     gui.type("weight", "0.5")
     gui.click("Duplicate")
     assert [c.weight for c in session.channels] == [1, 0.5, 0.5]
-    gui.click(gui.labels()[gui.labels().index("Add") - 3])
+    gui.click(gui.labels()[gui.labels().index("Add channel") - 3])
     assert session.active == first
     gui.click("Swap")
     assert session.active.source == first.target

@@ -156,7 +156,7 @@ def show_frames_blended(opened):
     opened.type("time", "0.12")
     titles = {name: shown(opened, name).title for name in ("source", "advected", "target")}
     assert (titles["source"], titles["target"]) == ("frame 2, 0.1 s", "frame 3, 0.15 s")
-    assert titles["advected"] == "at 0.1200 s, only blended"
+    assert titles["advected"] == "at 0.1200 s, linear blend"
     np.testing.assert_allclose(shown(opened).values, 0.6 * FRAMES[2] + 0.4 * FRAMES[3], atol=1e-6)
     colors = {name: shown(opened, name).colors for name in titles}
     opened.type("time", "0")

@@ -141,7 +141,7 @@ def choose_the_initial_map(gui, files, notes):
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)
     assert session.document.initial == f"sphere:{ball},{ball}"
-    for label, word in (("spheres made of both", "embedding"), ("eigenfunctions", "spectral")):
+    for label, word in (("computed spheres", "embedding"), ("eigenfunctions", "spectral")):
         gui.choose("initial map", label)
         assert session.document.initial == word
     gui.choose("initial map", "landmarks")

@@ -269,9 +269,9 @@ def test_remedies_and_advice_are_visible(layouts):
             below = widget["rect"][3] - widget["area"][3]
             scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
             assert below <= _ROUNDING or scrolls, f"{widget['label']!r}: {where(layout)}"
-    advised = "To try: smooth the functions, refine the mesh, or expect a partial match."
+    advised = "Advice: smooth the functions, refine the mesh, or expect a partial match."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
-        (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
+        (advice,) = [note for note in layout["notes"] if note["text"].startswith("Advice: ")]
         (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
         scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
         assert first <= top < bottom <= last + _ROUNDING or scrolls, where(layout)

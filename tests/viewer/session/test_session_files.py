@@ -399,7 +399,7 @@ def test_long_request_ends_only_on_confirmation(desk, small, is_over):
     desk.files.open_made_table("A population", make)
     desk.files.open(small)
     [(title, text, answers, instead)] = desk.questions
-    assert title == "End what is being set up?"
+    assert title == "Cancel the current task?"
     check_message(text, "small.off")
     assert answers["Go back"] is None
     assert instead() is None
@@ -413,7 +413,7 @@ def test_long_request_ends_only_on_confirmation(desk, small, is_over):
         assert desk.session.notices.latest.text == text
     else:
         assert loading.now.what == "setting up a population"
-        answers["End setting up a population"]()
+        answers["Cancel setting up a population"]()
         may_end.set()
         desk.settle()
     assert (desk.session.document.name == "small.off") != is_over
