@@ -364,7 +364,7 @@ def _status(rows: Sequence[SummaryRow]) -> int:
 
 
 def _line(row: SummaryRow) -> str:
-    """Return ``sub-01: matched to 2.1%, in 1.2 s``, or the reason of a failure."""
+    """Return ``sub-01: matched (residual 2.1%), in 1.2 s``, or the reason of a failure."""
     name, facts = one_line(row.name, 80), row.facts
     if not row.is_known:
         return f"{name}: {facts.outcome}: {facts.reason}"

@@ -155,14 +155,14 @@ class Matching:
     def __init__(self, run: Run[Any]) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
         self.warm = False  # whether a new run starts from the current field instead of zero
-        self.running = False  # whether the present run is a match
+        self.running = False  # whether the current run is a match
         self.problem: ProblemSpec | None = None  # the newest one
         self.snapshot: Snapshot | None = None  # may be read at any time
         self._run = run
         self._history = _History()
         self._next: ProblemSpec | None = None
-        self._present: ProblemSpec | None = None  # of the present solve
-        self._best: Snapshot | None = None  # of the present solve, with fields in this process
+        self._current: ProblemSpec | None = None  # of the current solve
+        self._best: Snapshot | None = None  # of the current solve, with fields in this process
         self._lock = threading.Lock()
 
     @property
@@ -250,7 +250,7 @@ class Matching:
             if problem is None or not (self._run.is_active or self._found is None):
                 return self._found
             self._history.begin()
-            self._best, self._present = None, problem
+            self._best, self._current = None, problem
             if self._found is not None:
                 start = self._found.start_for(problem.parameters)
             self._found = self._solve(problem, functions, start)
@@ -293,7 +293,7 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End this solve in favour of the next problem, after a least number of iterations.
+        """End this solve in favour of the next problem, after a minimum number of iterations.
 
         Otherwise the solver would make no progress while the user drags.
         """
@@ -302,8 +302,8 @@ class Matching:
 
     def _store(self, snapshot: Snapshot) -> None:
         """Store a snapshot that has its fields, unless it is worse or of an earlier solve."""
-        is_present, best = snapshot.problem is self._present, self._best
-        if is_present and (best is None or better(snapshot.shown, best.shown)):
+        is_current, best = snapshot.problem is self._current, self._best
+        if is_current and (best is None or better(snapshot.shown, best.shown)):
             self._best = snapshot
 
     def _recovered(self, functions: Evaluators) -> abfm.Match | None:

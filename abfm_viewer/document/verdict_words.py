@@ -32,7 +32,7 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
 
 
 def numbers_text(match: abfm.Match) -> str:
-    """Return ``Residual 0.012, 0.03 by flow lines``.
+    """Return ``Residual 0.012, 0.03 along flow lines``.
 
     For landmarks alone, whose errors are listed elsewhere, return the share of folded faces.
     """

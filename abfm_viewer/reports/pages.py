@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 COVERAGE_MIN = 0.98
 """A report warns of a map that covers a smaller share of A."""
 RETURN_EDGES_MAX = 0.1
-"""A report warns if 5% of the vertices have a larger round-trip error, in edges."""
+"""A report warns if 5% of the vertices have a larger round-trip error, in edge lengths."""
 TEXT_LENGTH_MAX = 400
 """Characters of a name, an option or a reason on the page of a batch."""
 _PICTURE_COLORS = 256  # a third of the bytes, without a visible difference
