@@ -41,8 +41,8 @@ class Functions:
 
     When the user drags one of several Gaussians, only that one is evaluated again. `known` has the
     values (V,) of terms stored in a project file, which therefore does not depend on other files.
-    With ``at_once``, `request` computes in the caller's thread. After `has_computed` becomes true there
-    may be a thread and a process.
+    With ``at_once``, `request` computes in the caller's thread. After `has_computed` becomes true
+    there may be a thread and a process.
     """
 
     def __init__(
