@@ -64,7 +64,10 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative by the fields to ``gradient`` (N, F, 2), given that by the result."""
+        """Add to ``gradient`` (N, F, 2) the derivative by the fields.
+
+        ``mu`` (V,) is the derivative by the advected function.
+        """
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 

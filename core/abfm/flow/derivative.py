@@ -95,7 +95,10 @@ class DerivativePattern:
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Add the derivative by ``v`` to ``out`` (F, 2), given that by the entries of ``D_v``."""
+        """Convert a derivative by the entries of ``D_v`` to one by ``v``, and add it to ``out``.
+
+        ``out`` is (F, 2).
+        """
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 

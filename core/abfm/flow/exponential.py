@@ -232,9 +232,9 @@ class ExponentialFlow:
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return the derivative by ``f`` given that by the end; add that by ``v`` to ``gradient``.
+        """Return the derivative by ``f``, and add the derivative by ``v`` to ``gradient`` (F, 2).
 
-        The gradient has shape (F, 2).
+        ``mu`` (V,) is the derivative by the advected function.
         """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)

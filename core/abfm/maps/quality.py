@@ -72,7 +72,7 @@ class MapAccuracy:
 def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
     """Measure the geodesic errors of a map.
 
-    ``truth`` (V,) holds the true vertex of the codomain for each vertex of the domain, by default
+    ``truth`` (V,) is the true vertex of the codomain for each vertex of the domain, by default
     the vertex with the same number. Distances are measured by `path_length`. With more than
     ``most`` vertices, this many are drawn at random, always the same ones, because each takes about
     10 ms on 12,000 vertices.

@@ -89,7 +89,7 @@ def _farthest_first(
 ) -> tuple[IndexArray, FloatArray]:
     """Return the order (m,) in which places (n, 3) are chosen, and their gaps (m,).
 
-    The order holds ``numbers`` (n,) of places and begins with number 0. The gaps descend to
+    The order consists of ``numbers`` (n,) of places and begins with number 0. The gaps descend to
     ``SPACING_MIN``.
 
     Places are sorted by their coordinate along ``axis``. The next chosen place has the largest

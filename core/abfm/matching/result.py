@@ -481,10 +481,10 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 
 
 def substitutes(match: Match) -> dict[str, Any]:
-    """Return arrays that replace those of a match that cannot be saved.
+    """Return replacements for arrays of a match that cannot be saved.
 
-    They are recomputed from the field, or unknown. Loading the file recomputes arrays that disagree
-    with the field.
+    Advected source and residual are recomputed from the field if possible. When the file is loaded,
+    arrays that disagree with the field are recomputed.
     """
     advected, residual = match.source, 0.0
     with suppress(Exception):  # any error of a field that was never checked

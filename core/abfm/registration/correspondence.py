@@ -289,7 +289,7 @@ class Correspondence(Display):
     def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
         """Measure geodesic errors of the map from B to A, see `abfm.maps.map_accuracy`.
 
-        ``truth`` (V_B,) holds the true vertex of A for each vertex of B, by default the vertex
+        ``truth`` (V_B,) is the true vertex of A for each vertex of B, by default the vertex
         with the same number. At most ``most`` vertices are measured.
         """
         return map_accuracy(self.points, truth, most)
@@ -360,7 +360,7 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
 def load_correspondence(path: File) -> Correspondence:
     """Read a file written by `abfm.Correspondence.save`.
 
-    Raises ResultError if the file is missing, damaged, or holds no correspondence.
+    Raises ResultError if the file is missing, damaged, or contains no correspondence.
     """
     return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
 

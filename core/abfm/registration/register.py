@@ -171,14 +171,14 @@ def register(
 def limit_distortion(
     found: Registration, max_distortion: float, control: Control | None = None
 ) -> Registration:
-    """Return the closest registration of a continuation that satisfies a bound on its distortion.
+    """Return the registration with the smallest residual whose distortion is within a bound.
 
     The bound applies to the initial map and the flow together. For 99% of the faces neither
     ``|log2 J|`` nor ``|log2 R|`` is larger than ``max_distortion``, and no face is folded, see
     `abfm.matching.limit_distortion`.
 
-    If the initial map alone violates the bound, and so does every step of the continuation, no flow
-    is expected to satisfy it. Then the result is the registration itself with an additional note.
+    If both the initial map alone and every step of the continuation violate the bound, no flow is
+    expected to satisfy it. The result is then the given registration with an additional note.
     """
 
     def measure(match: Match) -> Distortion:

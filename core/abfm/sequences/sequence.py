@@ -46,7 +46,7 @@ from abfm.sequences.tracking.tracks import Track, tracks
 from abfm.sequences.uncertainty import Posterior, posterior
 from abfm.sequences.verdicts import (
     NUMBERS,
-    determines_motion,
+    allows_motion,
     facts_of_intervals,
     motion_shares,
     verdict_of,
@@ -149,7 +149,7 @@ class Sequence(Solution, Display):
     @cached_property
     def _posterior(self) -> Posterior:
         found = posterior(self)
-        is_motion = np.array([determines_motion(verdict) for verdict in self.verdicts])
+        is_motion = np.array([allows_motion(verdict) for verdict in self.verdicts])
         unknown = ~(is_motion & self.has_motion)
         found.covariances[unknown], found.determined[unknown] = np.inf, 0.0
         return found

@@ -125,8 +125,8 @@ _WITHOUT_MOTION = (
 )
 
 
-def determines_motion(verdict: Verdict) -> bool:
-    """Return whether the verdict of an interval allows a motion, confirmed or not."""
+def allows_motion(verdict: Verdict) -> bool:
+    """Return whether the verdict of an interval does not exclude a motion."""
     return verdict.cause not in _WITHOUT_MOTION
 
 
@@ -136,7 +136,7 @@ def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
     See `abfm.Sequence.motion_shares`.
     """
     known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
-    return np.where([determines_motion(verdict) for verdict in verdicts], known, 0.0)
+    return np.where([allows_motion(verdict) for verdict in verdicts], known, 0.0)
 
 
 def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:

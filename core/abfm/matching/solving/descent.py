@@ -295,7 +295,7 @@ def search_of(
     )
 
 
-def minimum(
+def minimise_fold(
     energy: MatchingEnergy, stage: Stage, x: FloatArray, last_iterate: Any, before: Stage | None
 ) -> Any:
     """Minimise a stage of a fold from fields (N, F, 2); return the last iterate of the search.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.descent import minimum
+from abfm.matching.solving.descent import minimise_fold
 from abfm.matching.solving.measures import advect_along_flow_lines
 from abfm.matching.solving.record import Score
 from abfm.matching.solving.schedule import Stage
@@ -107,8 +107,8 @@ class Fold(NamedTuple):
         """Return the fold after minimising some stages."""
         _, _, fields, last_iterate, before = self
         for stage in stages:
-            last_iterate, before = minimum(self.energy, stage, fields, last_iterate, before), stage
-            fields = last_iterate.point.x
+            last_iterate = minimise_fold(self.energy, stage, fields, last_iterate, before)
+            fields, before = last_iterate.point.x, stage
         return self._replace(fields=fields, last_iterate=last_iterate, before=before)
 
     def advected(self) -> FloatArray:

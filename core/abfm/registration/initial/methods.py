@@ -180,7 +180,7 @@ def _from_file(given: MapInput, options: list[str]) -> Initial:
     found = map_from_file(given.a, given.b, path)
     if isinstance(found, Landmarks):
         raise ParameterError(
-            f"{path} holds pairs of points; expected a point of A for every vertex of B. Use the "
+            f"{path} has pairs of points; expected a point of A for every vertex of B. Use the "
             "pairs as landmarks."
         )
     return make_continuous(given, found)

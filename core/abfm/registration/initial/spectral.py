@@ -126,7 +126,7 @@ class SpectralSearch:
         """Return the images (Q,) of Q points of B among P points of A.
 
         ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area. The
-        result holds the number of a point of A for each point of B.
+        result is the number of a point of A for each point of B.
         """
         rows = [
             project_onto_surface(mesh, places * fine.length_scale).pull_back(

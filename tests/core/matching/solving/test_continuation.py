@@ -265,9 +265,9 @@ def test_selection_of_sigma_costs_little(monkeypatch):
     def minimum(*given):
         with monkeypatch.context() as patch:
             patch.setattr(descent, "search_of", counted)
-            return descent.minimum(*given)
+            return descent.minimise_fold(*given)
 
-    monkeypatch.setattr(held_out, "minimum", minimum)
+    monkeypatch.setattr(held_out, "minimise_fold", minimum)
     seen = []
     abfm.match(advected_waves(0)[0], on_iteration=seen.append)
     assert 0 < len(in_folds) < 2 * seen[-1].evaluations
