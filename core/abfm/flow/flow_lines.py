@@ -80,7 +80,8 @@ def flow_lines(
         raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
         raise ParameterError(
-            f"velocity has {len(fields)} fields but tau is missing; give the end time of the last"
+            f"velocity has {len(fields)} fields but tau is missing; give tau, the end time "
+            "of the last field"
         )
     if tau is not None and not (is_finite_number(tau) and tau > 0):
         raise ParameterError(f"tau is {brief(tau)}; expected a positive time")

@@ -139,9 +139,13 @@ def nearest(rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) 
 
 def _check(C: ArrayLike) -> FloatArray:
     matrix = real_numbers(C, "the functional map", ParameterError)
-    if matrix.ndim != 2 or 0 in matrix.shape or not np.isfinite(matrix).all():
+    if matrix.ndim != 2 or 0 in matrix.shape:
         raise ParameterError(
-            f"the functional map has shape {matrix.shape} or values that are not finite; expected "
-            "a matrix (k_target, k_source) of finite values"
+            f"the functional map has shape {matrix.shape}; expected (k_target, k_source), at least "
+            "(1, 1)"
+        )
+    if not np.isfinite(matrix).all():
+        raise ParameterError(
+            "the functional map has values that are not finite; expected finite values"
         )
     return matrix

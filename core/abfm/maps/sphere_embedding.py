@@ -95,8 +95,8 @@ def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
-            f"the mesh has {pinched} pinched vertices; an embedding in the sphere needs a mesh "
-            "without them. Split or remove them."
+            f"the number of pinched vertices of the mesh is {pinched}; an embedding in the sphere "
+            "needs a mesh without them. Split or remove them."
         )
     if mesh.genus:
         raise MeshError(

@@ -46,13 +46,13 @@ class SurfacePoints:
         weights = real_numbers(self.barycentric, "barycentric", ParameterError)
         if faces.ndim != 1 or faces.dtype.kind not in "iu" or weights.shape != (len(faces), 3):
             raise ParameterError(
-                f"points have faces {faces.shape} of {faces.dtype} and barycentric "
-                f"{weights.shape}; expected (P,) integers and (P, 3)"
+                f"faces of points have shape {faces.shape} of {faces.dtype}, and barycentric "
+                f"weights {weights.shape}; expected (P,) integers and (P, 3)"
             )
         last = len(self.mesh.faces) - 1
         if len(faces) and not (faces.min() >= 0 and faces.max() <= last):
             raise ParameterError(
-                f"points have faces {faces.min()} to {faces.max()}; expected 0 to {last}"
+                f"points have face numbers {faces.min()} to {faces.max()}; expected 0 to {last}"
             )
         off = np.abs(weights.sum(axis=1) - 1)
         if not ((weights >= -_ROUNDING).all() and (off <= _ROUNDING).all()):

@@ -71,11 +71,14 @@ class Texture:
                 "same number of channels"
             )
         owners = np.asarray(self.owners)
-        are_numbers = owners.dtype.kind in "iu" and owners.shape in ((1,), (count,))
-        if not are_numbers or not 0 <= owners.min() <= owners.max() < len(images):
+        if owners.dtype.kind not in "iu" or owners.shape not in ((1,), (count,)):
             raise ParameterError(
-                f"owners have shape {owners.shape} of {owners.dtype}; expected ({count},) image "
-                f"numbers from 0 to {len(images) - 1}"
+                f"owners have shape {owners.shape} of {owners.dtype}; expected ({count},) integers"
+            )
+        if not 0 <= owners.min() <= owners.max() < len(images):
+            raise ParameterError(
+                f"owners are {owners.min()} to {owners.max()}; expected image numbers from 0 to "
+                f"{len(images) - 1}"
             )
         wraps = tuple(self.wraps) * (len(images) if len(self.wraps) == 1 else 1)
         modes = {mode for pair in wraps for mode in pair}
@@ -198,8 +201,11 @@ def _numbers(
     values: ArrayLike, name: str, shape: tuple[int, ...], least: float, most: float
 ) -> FloatArray:
     found = real_numbers(values, name, ParameterError)
-    if found.shape != shape or not ((found >= least) & (found <= most)).all():
+    if found.shape != shape:
+        raise ParameterError(f"{name} have shape {found.shape}; expected {shape}")
+    wrong = found[~((found >= least) & (found <= most))]
+    if wrong.size:
         raise ParameterError(
-            f"{name} have shape {found.shape}; expected {shape}, numbers from {least:g} to {most:g}"
+            f"{name} have the value {wrong[0]:g}; expected numbers from {least:g} to {most:g}"
         )
     return found

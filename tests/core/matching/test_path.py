@@ -121,8 +121,8 @@ def test_path_survives_saving(seed, found, tmp_path):
 @pytest.mark.parametrize(
     ("damage", "expected"),
     [
-        (lambda counts: counts + 1, "3 for step 1, which has 2"),
-        (lambda counts: counts[::-1], "1 for step 1, which has 2"),
+        (lambda counts: counts + 1, "step 1 is 3 in path_fields, but the step has 2"),
+        (lambda counts: counts[::-1], "step 1 is 1 in path_fields, but the step has 2"),
         (lambda counts: counts[:1], "path_fields has shape (1,); expected (2)"),
         (lambda counts: np.array([7, 2]), "path_velocity has shape"),
         (lambda counts: 0 * counts, "path_fields has the value 0"),

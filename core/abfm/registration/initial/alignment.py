@@ -119,7 +119,7 @@ def align(
     """
     if kind not in KINDS:
         raise ParameterError(
-            f"kind of alignment is {brief(kind)}; expected {', '.join(map(repr, KINDS))}"
+            f"kind of alignment is {brief(kind)}; expected one of {', '.join(map(repr, KINDS))}"
         )
     with step("aligning the surfaces"):
         # A is scaled to unit area, and B also if the motion has a scale
