@@ -328,7 +328,7 @@ def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
     unknown = sorted(arrays.keys() - kind.entries.keys())
     if unknown:
         raise ResultError(
-            f"{name_of(path)}: a {kind.name} has no array {', '.join(unknown)}; expected "
+            f"{name_of(path)}: a {kind.name} cannot store {', '.join(unknown)}; expected only "
             f"{', '.join(kind.entries)}"
         )
     try:

@@ -363,7 +363,10 @@ class Problem:
         return dict(zip(results.SPEC_ENTRIES, map(np.array, self.specs), strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file (``.npz``, no pickles) atomically, or raise ResultError."""
+        """Write a file (``.npz``, no pickles) atomically, or raise ResultError.
+
+        Files cannot store additional data terms.
+        """
         results.save_arrays(path, self.arrays(), results.PROBLEM)
 
     def __repr__(self) -> str:

@@ -1,7 +1,7 @@
 """Rotations between two spheres, by functions or landmarks on both.
 
 Spheres of different atlases, or of inflated subjects, differ by a rotation of some tens of degrees.
-The search covers all rotations and maximizes the correlation of the functions. It uses means over
+The search covers all rotations and maximises the correlation of the functions. It uses means over
 cells of the sphere, from coarse to fine.
 """
 

@@ -1,6 +1,6 @@
 """Reversible harmonic maps between two coarse surfaces.
 
-Maps in both directions are optimized together. Both get a small Dirichlet energy, and their
+Maps in both directions are optimised together. Both get a small Dirichlet energy, and their
 composition stays close to the identity.
 
 References
