@@ -468,7 +468,7 @@ def test_field_that_explains_little_is_not_confirmed():
 
 
 def test_motion_on_slivers_is_not_called_noise():
-    """Nor is it called no motion."""
+    """It is not called "no motion" either, and reasons name details narrower than edges."""
     mesh = torus(12, 40)  # its edges around the axis are ten times as long as those around the tube
 
     def bump(angle):
@@ -482,7 +482,7 @@ def test_motion_on_slivers_is_not_called_noise():
     long = TriangleMesh(square(20).vertices * [1, 40, 1], square(20).faces)
     waves = [np.cos(20 * np.pi * (long.vertices[:, 1] / 40 - shift)) for shift in (0, 0.01)]
     [result] = abfm.sequence(long, waves).verdicts
-    check_message(result.reason)
+    check_message(result.reason, "only noise or details narrower than edges")
     checked = check_frames(mesh, [bump(0.0), bump(0.05)], None, None, None)
     problem, levels = checked.problem(0, FAST.for_interval(1.0, 0.3)), noise_levels(checked)
     residual = checked.problem(0, FAST.for_interval(1.0, 0.3)).functions.residual(
