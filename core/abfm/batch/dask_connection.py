@@ -176,7 +176,9 @@ def _check_versions(client: Any) -> None:
             isinstance(member_version, str) and member_version != here
         ):
             has = f"abfm {member_version}" if isinstance(member_version, str) else "no abfm"
-            raise ResultError(f"{member} has {has}; install abfm {here} there, as on this machine")
+            raise ResultError(
+                f"{member} has {has}; install abfm {here} there, the version on this machine"
+            )
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from abfm.numerics.real_numbers import as_float64
 from abfm.reading.columns import Columns, Keys, even_times
 from abfm.reading.xml_trees import xml_tree
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _HEADER_BYTES = 540
 _EXTENSION_CODE = 32
@@ -90,8 +91,8 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
     named = list(maps.named_maps) if kinds[1 - axis] != _SERIES else []
     if named and len(named) != table.shape[1]:
         raise ValueError(
-            f"the file has names of {len(named)} maps for {table.shape[1]} columns; expected the "
-            "same numbers"
+            f"the file has names of {counted(len(named), 'map')} for "
+            f"{counted(table.shape[1], 'column')}; expected equal numbers"
         )
     return Columns(
         _scaled(table[begin : begin + count], head),

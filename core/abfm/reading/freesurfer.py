@@ -124,7 +124,9 @@ def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
     reader.skip(_MGH_DATA_OFFSET)
     if math.prod(counts) == 0:
         count = math.prod(counts[:3])
-        raise ValueError(f"the file is empty: it has {counts[3]} frames of {count} values")
+        raise ValueError(
+            f"the file is empty: it has {counted(counts[3], 'frame')} of {counted(count, 'value')}"
+        )
     values = reader.array(_MGH_TYPES[kind], tuple(counts[::-1]), "frames").T
     interval = float(reader.array(">f4", (1,), "times")[0]) if reader.remaining >= 4 else math.nan
     return values, interval
@@ -144,7 +146,7 @@ def freesurfer_annotation(data: bytes) -> Labels:
     vertices, colors = reader.array(">i4", (count, 2), "vertices").astype(np.int64).T
     if not np.array_equal(np.sort(vertices), np.arange(count)):
         raise ValueError(
-            f"the {count} rows of the file do not belong to the vertices 0 to {count - 1}; "
+            f"the rows of the file do not belong to the vertices 0 to {count - 1}; "
             "expected one row for each vertex"
         )
     names, codes, key_of_color = dict[int, str](), dict[int, Color](), dict[int, int]()
@@ -253,7 +255,7 @@ class _BytesReader:
         size = count * np.dtype(dtype).itemsize
         if size > self.remaining:
             raise ValueError(
-                f"the file is cut off: {shape[0]} {of} have {size} bytes, but only "
+                f"the file is cut off: its {of} (number: {shape[0]}) have {size} bytes, but only "
                 f"{self.remaining} remain"
             )
         self._begin += size

@@ -14,6 +14,7 @@ import numpy as np
 
 from abfm.numerics.real_numbers import as_float64
 from abfm.reading.columns import Columns
+from abfm.wording import counted
 
 _HEAD = struct.Struct(">ffI")
 
@@ -32,14 +33,15 @@ def read_stc(data: bytes) -> Columns:
     samples = int.from_bytes(data[end : end + 4], "big")
     if count == 0 or samples == 0:  # MNE writes this for a hemisphere without sources
         raise ValueError(
-            f"the file has {samples} samples of {count} vertices, so this hemisphere has no "
+            f"the file has {counted(samples, 'sample')} of "
+            f"{counted(count, 'vertex', 'vertices')}, so this hemisphere has no "
             "sources. Use the file of the other hemisphere"
         )
     size = 4 * samples * count
     if len(data) - end - 4 != size:
         raise ValueError(
-            f"{samples} samples of {count} values have {size} bytes, but {len(data) - end - 4} "
-            "follow the header. The file is damaged or cut off"
+            f"{counted(samples, 'sample')} of {counted(count, 'value')} need {size} bytes, but "
+            f"{len(data) - end - 4} follow the header. The file is damaged or cut off"
         )
     if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
         raise ValueError(
