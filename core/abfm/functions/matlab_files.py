@@ -80,7 +80,7 @@ def _flags(parts: list[Element], order: str) -> int:
 
 
 def _elements(data: bytes, order: str, begin: int = 0) -> Iterator[Element]:
-    """Yield data elements; small ones have up to four bytes next to their size."""
+    """Yield data elements; a small one stores up to four bytes together with its size."""
     while begin + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, begin)
         if small := kind >> 16:

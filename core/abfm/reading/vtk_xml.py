@@ -160,7 +160,7 @@ class _File:
         return found
 
     def values(self, array: Element, count: int) -> FloatArray:
-        """Return an array (count, C)."""
+        """Return the numbers of a data array, (count, C)."""
         name, form = brief(array.get("Name", "")), array.get("format", "ascii")
         columns = count_in(array, "NumberOfComponents", "1")
         kind = choice_in(array, "type", _TYPES)

@@ -78,7 +78,10 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Return twice the area of a corner's triangle over its longest side squared; 0 if no ear."""
+    """Return the evenness of the triangle at a corner, or 0 if the corner is not an ear.
+
+    It is twice the area over the squared length of the longest side.
+    """
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0

@@ -66,7 +66,7 @@ def _material(document: Document, entry: dict[str, Any], texture: Any) -> Materi
 
 
 def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None) -> FloatArray:
-    """Return texture coordinates (F, 3, 2) from the lower left corner upwards, or NaN."""
+    """Return texture coordinates (F, 3, 2) from the lower left corner; NaN if there are none."""
     transform = of(of(texture or {}, "extensions", dict, {}), "KHR_texture_transform", dict, {})
     usual = of(texture or {}, "texCoord", int, 0)
     name = f"TEXCOORD_{of(transform, 'texCoord', int, usual)}"
