@@ -65,13 +65,20 @@ sphinx_gallery_conf = {
     "examples_dirs": ["examples"],
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"\.py$",
+    "subsection_order": [
+        "examples/one_surface",
+        "examples/two_surfaces",
+        "examples/sequences_and_studies",
+        "examples/paper",
+    ],
     "within_subsection_order": FileNameSortKey,
     "download_all_examples": False,
     "remove_config_comments": True,
     "abort_on_example_error": True,
     "show_memory": False,
     "capture_repr": ("_repr_html_", "__repr__"),
-    "matplotlib_animations": False,
+    "image_scrapers": ("gallery_images.save_image",),
+    "ignore_repr_types": "PIL",
 }
 
 
