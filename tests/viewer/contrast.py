@@ -26,8 +26,9 @@ SIGHTS = {
         ]
     ),
 }
-"""What is seen of linear light: Machado, Oliveira, Fernandes, IEEE TVCG 15(6), 2009, at full
-severity.
+"""Matrices that map linear light to its appearance in each kind of vision, at full severity.
+
+Source: Machado, Oliveira, Fernandes, IEEE TVCG 15(6), 2009.
 """
 _XYZ = np.array(
     [
@@ -39,13 +40,19 @@ _XYZ = np.array(
 
 
 def contrast(one, other):
-    """Of sRGB colours, each channel 0 to 1: 1 for the same colour, 21 for black on white."""
+    """Return the contrast of sRGB colours, each channel from 0 to 1.
+
+    It is 1 for the same colour, and 21 for black on white.
+    """
     dark, light = sorted((_luminance(one), _luminance(other)))
     return (light + 0.05) / (dark + 0.05)
 
 
 def difference(one, other, sight):
-    """Distance of sRGB colours in CIELAB, as one of `SIGHTS` sees them: 100 for black and white."""
+    """Return the distance of sRGB colours in CIELAB, in one of the kinds of vision in `SIGHTS`.
+
+    It is 100 for black and white.
+    """
     return float(np.linalg.norm(_lab(one, sight) - _lab(other, sight)))
 
 
@@ -54,7 +61,7 @@ def _luminance(color):
 
 
 def _linear(color):
-    """Linear light of an sRGB colour, whose alpha does not count."""
+    """Return the linear light of an sRGB colour, without its alpha."""
     return np.array(
         [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
     )
