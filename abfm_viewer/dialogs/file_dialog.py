@@ -68,6 +68,14 @@ def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
     return not suffixes or name.lower().endswith(suffixes)
 
 
+def _types_text(suffixes: tuple[str, ...]) -> str:
+    """Return the suffixes without dots, because ImGui breaks lines at dots."""
+    compressed = {f"{each}.gz" for each in suffixes}
+    plain = [each for each in suffixes if each not in compressed]
+    note = "; also compressed (gz)" if len(plain) < len(suffixes) else ""
+    return ", ".join(each.removeprefix(".") for each in plain) + note
+
+
 def shown(path: str | Path) -> str:
     """Return a path that can be drawn; invalid UTF-8 is replaced by question marks."""
     return os.fsencode(path).decode("utf-8", "replace")
@@ -277,7 +285,7 @@ class FileDialog:
             return None
         if listing.entries:
             return self._draw_entries(ui, listing)
-        nothing = f"no folders and no files that end in {', '.join(self.choice.suffixes)}"
+        nothing = f"no folders and no files of these types: {_types_text(self.choice.suffixes)}"
         ui.note(listing.error or nothing, "failure" if listing.error else "muted")
         return None
 
@@ -325,7 +333,7 @@ class FileDialog:
             return listing.note, False
         if choice.saving and choice.final_name != choice.name.strip():
             return f"will be saved as {choice.final_name}", False
-        return f"files that end in {', '.join(choice.suffixes)}", False
+        return f"file types: {_types_text(choice.suffixes)}", False
 
     def _move_by_keys(self) -> None:
         up = imgui.IsKeyPressed(imgui.ImGuiKey_UpArrow)

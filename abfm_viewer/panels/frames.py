@@ -114,7 +114,7 @@ def draw_settings(context: Context) -> None:
     for label, name, ends, tip in (
         ("smoothness α##alpha", "alpha", Range(1e-4, 1e4, log=True), _ALPHA),
         ("closeness σ##sigma", "sigma", Range(1e-3, 20, log=True), _SIGMA),
-        ("time coupling γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
+        ("coupling γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
     ):
         value = getattr(settings, name)
         if name in _AUTO:
