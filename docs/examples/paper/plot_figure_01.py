@@ -1,0 +1,70 @@
+"""
+Figure 1: one Gaussian becomes two
+==================================
+
+The paper moves a Gaussian at the hand of a human to two Gaussians at its feet, with the flow of
+one vector field. The values of the function move along the surface, whereas a linear blend fades
+them out and in.
+"""
+
+import abfm
+from abfm.assets import asset_path
+from abfm.baselines import linear_blend
+from abfm.calculus import vertex_areas
+from abfm.parameters import TABLE_1
+from abfm_viewer.pictures import match_picture
+
+# %%
+# Choose the functions
+# --------------------
+# Widths are in units of the square root of the area. The source is wider than the targets, so that
+# the integrals of both functions agree.
+
+mesh = abfm.load_mesh(asset_path("human_A.off"))
+source = abfm.function(mesh, "gaussian:vertex=256,width=0.42")
+target = abfm.function(mesh, "gaussian:vertex=1219,width=0.31 + gaussian:vertex=627,width=0.31")
+
+# %%
+# Match them
+# ----------
+# The parameters are those of Table 1 of the paper.
+
+match = abfm.match(mesh, source, target, TABLE_1[1].parameters(iterations=300))
+print(f"mismatch relative to the target: {match.mismatch:.3f}")
+match
+
+# %%
+# Compare with a linear blend
+# ---------------------------
+# Look at the vertices where source and target are both below half of the maximum. A bump that
+# moves crosses them with its full height. A blend stays below half.
+
+between = (source < 0.5) & (target < 0.5)
+for name, values in {
+    "advection": match.advect(0.5),
+    "linear blend": linear_blend(source, target, 0.5),
+}.items():
+    print(f"{name}: largest value between source and target is {values[between].max():.2f}")
+
+match_picture(match)
+
+# %%
+# Check the mass
+# --------------
+# Advection transports values and not mass. The integral of the function changes during the flow. At
+# the end it is close to its first value.
+
+areas = vertex_areas(mesh)
+for time in (0, 0.5, 1):
+    print(f"integral at t = {time}: {areas @ match.advect(time):.3f}")
+
+# %%
+# Check the flow lines
+# --------------------
+# The norm of the paper allows fields that are not continuous. The discrete flow of this field matches
+# the functions, but its flow lines do not. abfm therefore reports that the match is not reached. Its
+# default norm is of second order, and both residuals are then closer to each other.
+
+smooth = abfm.match(mesh, source, target, abfm.Parameters(sigma=0.01, refine=0))
+for name, result in {"paper": match, "defaults": smooth}.items():
+    print(f"{name}: {result.residual:.3f} discrete, {result.verified_residual:.3f} by flow lines")
