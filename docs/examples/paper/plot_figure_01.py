@@ -61,9 +61,9 @@ for time in (0, 0.5, 1):
 # %%
 # Check the flow lines
 # --------------------
-# The norm of the paper allows fields that are not continuous. The discrete flow of this field matches
-# the functions, but its flow lines do not. abfm therefore reports that the match is not reached. Its
-# default norm is of second order, and both residuals are then closer to each other.
+# The norm of the paper allows fields that are not continuous. The discrete flow of this field
+# matches the functions, but its flow lines do not. abfm therefore reports that the match is not
+# reached. Its default norm is of second order, and both residuals are then closer to each other.
 
 smooth = abfm.match(mesh, source, target, abfm.Parameters(sigma=0.01, refine=0))
 for name, result in {"paper": match, "defaults": smooth}.items():

@@ -6,8 +6,6 @@ The paper compares maps between two poses with the true map. Its flow of three m
 more accurate than a method that searches in a reduced basis of fields.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 import abfm
@@ -47,7 +45,9 @@ match
 # Search in a reduced basis
 # -------------------------
 
-energy = ReducedEnergy(b, functional_map(initial, k), true_map, replace(parameters, sigma=0.1), 50)
+energy = ReducedEnergy(
+    b, functional_map(initial, k), true_map, parameters.with_values(sigma=0.1), 50
+)
 reduced = reduced_match(energy)
 
 # %%
