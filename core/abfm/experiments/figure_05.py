@@ -57,7 +57,7 @@ def figure_5(setup: FigureSetup) -> Script:
         energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
         roughness_of_u = energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
         of_bracket, commutes = "bracket norm relative to both fields", "u commutes with v"
-        of_usual = f"{of_bracket}, median of the {len(others)} smoothest fields orthogonal to v"
+        of_usual = f"median bracket norm of the {len(others)} smoothest fields orthogonal to v"
         exchange = (
             "distance of the ends when the two flows are exchanged, relative to the displacement"
         )

@@ -183,14 +183,14 @@ def test_cluster_with_another_version_is_refused(elsewhere, tmp_path, monkeypatc
 def test_cluster_without_abfm_is_refused():
     none = PackageNotFoundError("abfm")
     with raises(ResultError):
-        dask_connection._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
+        dask_connection._check_versions(Mock(run_on_scheduler=Mock(side_effect=none)))
     there = {"tcp://1": version("abfm"), "tcp://2": OSError("gone meanwhile"), "tcp://3": none}
     client = Mock(run_on_scheduler=Mock(return_value=version("abfm")))
     client.run.return_value = there
     with raises(ResultError, "tcp://3"):
-        dask_connection._check_alike(client)
+        dask_connection._check_versions(client)
     del there["tcp://3"]
-    dask_connection._check_alike(client)
+    dask_connection._check_versions(client)
 
 
 def test_missing_dask_is_reported(tmp_path, monkeypatch):
