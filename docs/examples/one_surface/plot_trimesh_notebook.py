@@ -16,7 +16,7 @@ from abfm_viewer.pictures import match_picture
 # A mesh
 # ------
 #
-# A mesh or a result at the end of a cell is shown as a live view: drag to rotate it, turn the wheel
+# A mesh or a result at the end of a cell is shown as a live view. Drag to rotate it, turn the wheel
 # to zoom, and press the space bar to play a flow. Download this page as a notebook to try it.
 
 surface = trimesh.load_mesh(asset_path("eight.off"), process=False)

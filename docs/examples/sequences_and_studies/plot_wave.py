@@ -16,7 +16,7 @@ from abfm_viewer.pictures import sequence_picture
 # A wave with known velocity
 # --------------------------
 #
-# The pattern rotates by 2 radians per second about an axis, and the axis rotates by 1 radian per
+# The pattern rotates by 2 radians per second about an axis. The axis itself rotates by 1 radian per
 # second about the z axis. There are eight frames, 0.04 s apart.
 
 mesh = abfm.load_mesh(trimesh.creation.icosphere(subdivisions=3))

@@ -21,8 +21,8 @@ b = abfm.load_mesh(asset_path("human_B.off"))
 # Features with a known map
 # -------------------------
 #
-# Both meshes have the same faces. A point of B therefore corresponds to the point of A in the same
-# face, but its features come from a point further down the flow. This map is the truth.
+# Both meshes have the same faces, so each point of B has a partner on A. The features of a point of
+# B come from the partner of a point further down the flow. This map is the truth.
 
 normals = abfm.calculus.face_normals(b)
 upwards = np.array([0.0, 0.1, 0.0])
