@@ -309,7 +309,7 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
     """The best field stays on the screen, in copies, and after the process is killed."""
     matching._next, matching._since_restart = None, 0
     first, second = problem(), problem()
-    matching._present = first
+    matching._current = first
 
     def post(number, residual, picture="picture", of=first, field=None):
         view = IteratePicture(None, picture, field)

@@ -201,7 +201,7 @@ def test_remedies_are_written_as_command_line_options(found):
     assert advice_in_options(impossible.verdict, impossible.facts, "m.npz") == "advice"
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
     first, second = map(verdict_words.remedy_tooltip, remedies)
-    assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
+    assert first == "A larger reach.\nStarts a run from a zero field, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the current field."
 
 

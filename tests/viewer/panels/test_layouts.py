@@ -236,7 +236,7 @@ def test_no_widget_or_text_covers_another(layouts):
 def test_verdicts_are_never_clipped(layouts):
     """At any size and scale the state wraps and is as high as its text."""
     facts = longest()
-    expected = {facts.headline, facts.reason, *facts.warnings, f"to try: {facts.advice}"}
+    expected = {facts.headline, facts.reason, *facts.warnings, f"advice: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         notes = {note["text"].lower().removesuffix("."): note for note in layout["notes"]}
         assert expected <= notes.keys(), where(layout)
