@@ -42,7 +42,7 @@ along_v, along_u = abfm.Flow(mesh, v, tau=0.3), abfm.Flow(mesh, u, tau=0.3)
 first_v = along_u.push(along_v.push(mesh.vertices))
 first_u = along_v.push(along_u.push(mesh.vertices))
 distance = np.linalg.norm(first_v - first_u) / np.linalg.norm(first_v - mesh.vertices)
-print(f"distance of the end points relative to the way: {distance:.4f}")
+print(f"distance of the end points relative to the displacement: {distance:.4f}")
 
 # %%
 # Compare with the exact field
