@@ -52,10 +52,8 @@ figure_picture(Sheet((tuple(panels),)))
 # %%
 # Check the range
 # ---------------
-# The discrete flow has no maximum principle, as the paper notes, so that values exceed the range
-# of the source a little.
+# The discrete flow has no maximum principle, as the paper notes. The advected values exceed the
+# range of the source a little.
 
 path = match.advect([0.5, 1, 1.5, 2])
-print(
-    f"range of the source 0 to {source.max():.2f}, on the way {path.min():.3f} to {path.max():.3f}"
-)
+print(f"range of the source 0 to {source.max():.2f}, advected {path.min():.3f} to {path.max():.3f}")
