@@ -70,7 +70,7 @@ figure_picture(Sheet(((panel(vortex(0), "u"), *moved),)))
 # -------------------------------
 # A function moves with the same flow. The view shows the Gaussian at the centre of the vortex.
 
-f = np.exp((mesh.vertices @ [np.sin(-0.6), 0, np.cos(-0.6)] - 1) / 0.04)
+f = np.exp((mesh.vertices @ [np.sin(-0.6), 0, np.cos(-0.6)] - 1) / 0.16)
 flow = abfm.Flow(mesh, v, tau=0.25)
 abfm.match(
     mesh, f, flow.push(f), abfm.Parameters(tau=0.25, sigma=0.05, refine=0), start=flow.velocity
