@@ -26,11 +26,11 @@ f = abfm.function(a, bumps.format(0.4, 0.3, 0.9))
 g = abfm.function(b, bumps.format(0.55, 0.2, 0.8))
 
 # %%
-# Registrations with different bounds
-# -----------------------------------
+# Two registrations
+# -----------------
 #
-# A bound of 1 means that areas and aspect ratios of 99% of the faces change by at most a factor
-# of 2. In addition, no face is folded. The printed numbers are the larger one of
+# With a bound of 1, areas and aspect ratios change by at most a factor of 2 on 99% of the faces.
+# In addition, no face is folded. The printed numbers are the larger one of
 # :math:`|\log_2 J|` (areas) and :math:`|\log_2 R|` (aspect ratios).
 
 parameters = abfm.Parameters(refine=0)
