@@ -2,7 +2,7 @@
 
 import contextlib
 import io
-from inspect import isclass, isfunction
+from inspect import isclass, isfunction, unwrap
 from pathlib import Path
 from types import ModuleType
 
@@ -95,7 +95,7 @@ def _api() -> str:
         names = [
             f"abfm.{package}.{name}"
             for name, value in vars_of(getattr(abfm, package)).items()
-            if name not in public and (isfunction(value) or isclass(value))
+            if name not in public and (isfunction(unwrap(value)) or isclass(value))
         ]
         parts.append(_table(f"abfm.{package}", names, summary))
     return "\n\n".join(parts) + "\n"

@@ -296,7 +296,7 @@ class Sequence(Solution, Display):
 
 
 def load_sequence(path: File) -> Sequence:
-    """Read a file of `abfm.Sequence.save`; raise ResultError if it is missing or damaged."""
+    """Read a file of ``Sequence.save``; raise ResultError if it is missing or damaged."""
     return results.loaded(path, results.SEQUENCE, Sequence.of_arrays)
 
 

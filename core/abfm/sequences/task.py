@@ -63,9 +63,8 @@ _PARAMETER_HELP = {
     "held-out patches of a few intervals",
     "order": "order of the norm of the fields; 1 as in the paper, 2 for smoother fields; auto: "
     "chosen by held-out patches",
-    "sigma": "weight of the smoothness relative to the mismatch, in deviations of the frames; "
-    "smaller values match more closely; auto: the largest that predicts held-out patches nearly as "
-    "well as any other",
+    "sigma": "weight of the smoothness, in deviations of the frames; smaller values match more "
+    "closely; auto: the largest with nearly the best prediction of held-out patches",
     "sigma_unit": "unit of sigma: relative to the L2 deviation of the frames from their mean, or "
     "absolute as in the paper",
 }
@@ -109,8 +108,8 @@ def _preview(path: Path) -> Preview:
 
 
 _DESCRIPTION = """\
-Find the motion in a sequence of frames of a function on a mesh (optical flow on a surface): for
-each two consecutive frames, the tangent vector field whose flow transports the first to the second.
+Find the motion in a sequence of frames of a function on a mesh, as optical flow on a surface. For
+each interval, this is the tangent vector field whose flow transports one frame to the next.
 
 Examples:
   abfm sequence lh.pial wave.npy --dt 0.001 --out wave.npz --out wave.html
@@ -123,10 +122,10 @@ The exit status is 0 if flow lines confirm at least half of the intervals, 3 if 
 """
 _DETAILS = f"""\
 Frames:
-  an array (T, V) or (T, V, C) in .npy, .mat or .npz ("frames", optionally "times")
-  a table, GIFTI, CIFTI or .mgh file with one column per frame
-  one hemisphere of a source estimate of MNE (.stc)
-  .pvd, .series, or one of numbered .vtu, .vtp or .vtk files
+  - an array (T, V) or (T, V, C) in .npy, .mat or .npz ("frames", optionally "times")
+  - a table, GIFTI, CIFTI or .mgh file with one column per frame
+  - one hemisphere of a source estimate of MNE (.stc)
+  - .pvd, .series, or one of numbered .vtu, .vtp or .vtk files
 Rows with a vertex number are assigned to that vertex.
 
 Fields of neighbouring intervals are coupled (--gamma). Flow lines verify each field.
