@@ -59,8 +59,7 @@ _ENTRIES_OF_FACTS = (
 
 MAX_DISTORTION = number_input(
     "max-distortion",
-    "limit the distortion: on 99% of the faces, |log2 J| of areas and |log2 R| of shapes are at "
-    "most N, and no face is folded",
+    "limit |log2 J| of areas and |log2 R| of shapes to N on 99% of the faces, and fold none",
     "N",
     "above 0 and at most 1000",
     lambda bound: 1e-9 <= bound <= 1000,
