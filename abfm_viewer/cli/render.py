@@ -105,7 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seconds", "length in seconds (default: 4)", "S", type=positive)
     add("--fps", "frames per second (default: 30)", "N", type=positive)
     add("--from", "first time (default: 0, or the first frame)", "T", type=float, dest="start")
-    what = "last time, at most 2 tau (default: tau, or the last frame)"
+    what = "last time (default: tau for a match, which may have up to 2 tau, or the last frame)"
     add("--to", what, "T", type=float, dest="end")
     what = "angle by which the surfaces turn during the movie (default: 0)"
     add("--turntable", what, "DEGREES", type=angle)

@@ -80,7 +80,8 @@ _CHOICES = {
     ),
     "map from a file...": _Choice(
         _FILE,
-        "A file with the vertex of A, or a face and weights, for each vertex of B.",
+        "A file with one row for each vertex of B: a vertex of A, or a face of A with barycentric "
+        "weights.",
         ("Open a map from B to A",),
         (*VALUES_ENDINGS, ".map"),
     ),

@@ -132,7 +132,7 @@ class Saves:
         self._unsaved[document.identity] = document
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
-        """Forget the files of documents that are no longer in the history, unless unsaved."""
+        """Drop the save records of documents that are neither in the history nor unsaved."""
         for identity in self._saved.keys() - self._unsaved.keys() - set(identities):
             del self._saved[identity]
 

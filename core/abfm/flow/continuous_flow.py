@@ -104,7 +104,8 @@ class ContinuousFlow:
         """Return the fields between ascending times, by number, with the duration of each."""
         if not 0 <= begin <= end < math.inf:
             raise ParameterError(
-                f"flow lines from time {begin:g} to {end:g}; expected finite times of at least 0"
+                f"flow lines start at time {begin:g} and end at time {end:g}; expected finite "
+                "ascending times of at least 0"
             )
         starts = np.arange(len(self.fields)) * (self.tau / len(self.fields))
         ends = np.append(starts[1:], math.inf)

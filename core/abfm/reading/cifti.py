@@ -151,7 +151,9 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
         raise ValueError("the file has no values on the surface of a hemisphere")
     present = "".join(_HEMISPHERES[each.brain_structure] for each in found)
     if len(set(present)) < len(present):
-        raise ValueError("the file has two models of the same hemisphere; expected one")
+        raise ValueError(
+            f"the file has several brain models of a hemisphere ({present}); expected one for each"
+        )
     if requested and requested not in present:
         raise ValueError(f"the file has no values of hemisphere {requested}, only of {present}")
     if (side := requested or likely) and side in present:
