@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from abfm.batch.cluster import Cluster
 from abfm.batch.ledger import LedgerEntry
-from abfm.errors import ParameterError, ResultError, brief, one_line, printable
+from abfm.errors import ColumnError, ParameterError, ResultError, brief, one_line, printable
 from abfm.io import check_values_name
 from abfm.matching.task import MAX_DISTORTION
 from abfm.parameters import Parameters
@@ -163,7 +163,7 @@ class PopulationTask(Task):
         names = [name for name, *_ in values.get("channel", ())]
         for name in names:
             if names.count(name) > 1:
-                raise ParameterError(f"column channel: {one_line(name, 40)} is repeated")
+                raise ColumnError("channel", f": {one_line(name, 40)} is repeated")
 
     @classmethod
     def read(cls, given: TaskInputs) -> PopulationTask:

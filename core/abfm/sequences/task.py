@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from abfm.errors import ParameterError, brief
+from abfm.errors import ColumnError, ParameterError, brief
 from abfm.io import check_stc_name, check_values_name, even_step, results
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.terms.functions import mask_from_input
@@ -252,7 +252,7 @@ class SequenceTask(Task):
         numbers = [number for number, _ in values.get("channel", ())]
         for number in numbers:
             if numbers.count(number) > 1:
-                raise ParameterError(f"column channel: {number} is given twice")
+                raise ColumnError("channel", f": {number} is given twice")
 
     @classmethod
     def read(cls, given: TaskInputs) -> SequenceTask:

@@ -258,7 +258,7 @@ def show_the_outlier(opened, monkeypatch):
     assert set(session.document.display_names.values()) == {"bands"}
     notes_now = texts(opened, monkeypatch)
     note = next(text for text in notes_now if population_sample.OUTLIER_NAME in text)
-    check_message(note, "registered", "does not fit")
+    check_message(note, "registered", "outlier")
     assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")
     settle(opened)

@@ -49,7 +49,7 @@ def test_result_belongs_to_its_initial_map(pair):
     until(lambda: not pair.outdated, pair)
     assert pair.document.complete_result.points.domain is B
     pair.editor.change("change the initial map", initial="sphere")  # which an egg is not
-    until(lambda: "no sphere" in pair.obstacle, pair)
+    until(lambda: "not a sphere" in pair.obstacle, pair)
     pair.match()
     assert pair.notices.latest.is_error
 
