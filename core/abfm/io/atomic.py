@@ -209,8 +209,11 @@ def remove_abandoned(folder: Path) -> None:
             with suppress(OSError):  # another process uses it, or has removed it
                 if sys.platform != "win32":
                     descriptor = _locked(path, fcntl.LOCK_NB)
-                    # removed while locked: a process that waits for the lock creates it again
-                    _remove(path)
+                    # The file is removed while it is locked: a process that waits for the lock
+                    # creates it again. A file without links was removed before, so its name may
+                    # belong to a new file.
+                    if os.fstat(descriptor).st_nlink:
+                        _remove(path)
                     os.close(descriptor)
                 elif time.time() - path.stat().st_mtime > _ABANDONED_AGE:
                     _remove(path)

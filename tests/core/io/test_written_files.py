@@ -19,6 +19,7 @@ from numpy.testing import assert_array_equal
 
 from abfm import ResultError
 from abfm.io import (
+    atomic,
     check_writable,
     export_energy_csv,
     export_ply,
@@ -235,6 +236,24 @@ def test_concurrent_writers_of_one_folder(tmp_path):
         list(pool.map(write, range(8)))  # raises their errors
     found = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert found == {f"{n}.txt": str(n) for n in range(8)}
+
+
+def test_file_created_again_is_not_abandoned(tmp_path, monkeypatch):
+    """Its name was in use by a removed file when that file was opened."""
+    with temporary_file(tmp_path) as path:
+        path.unlink()
+    path.touch()
+    lock = atomic._locked
+
+    def locked_late(path, flags=0):
+        descriptor = lock(path, flags)
+        path.unlink()
+        path.touch()
+        return descriptor
+
+    monkeypatch.setattr(atomic, "_locked", locked_late)
+    atomic.remove_abandoned(tmp_path)
+    assert path.exists()
 
 
 def test_temporary_files_can_be_removed_at_exit(tmp_path):
