@@ -10,23 +10,8 @@ import abfm
 from abfm.functions import Family, Parameter, families
 from abfm.parameters import FIELDS, PAPER, TABLE_1
 from abfm_viewer.cli import main
+from abfm_viewer.cli.commands import COMMANDS
 
-COMMANDS = (
-    "match",
-    "register",
-    "symmetric",
-    "sequence",
-    "population",
-    "batch",
-    "apply",
-    "map",
-    "info",
-    "report",
-    "render",
-    "figure",
-    "demo",
-    "bench",
-)
 _PACKAGES = {
     "functions": "Functions on a mesh, from text or files.",
     "calculus": "Discrete operators, vector fields, eigenfunctions and geodesic distances.",
@@ -43,8 +28,6 @@ _PACKAGES = {
     "baselines": "Methods to compare with: optimal transport, Horn-Schunck, linear blend.",
     "experiments": "The figures of the paper as scripts.",
 }
-
-
 EXAMPLES = {
     "gaussian": "gaussian:vertex=12,width=0.1",
     "eigenfunction": "eigenfunction:7",
@@ -94,14 +77,14 @@ def _api() -> str:
     for package, summary in _PACKAGES.items():
         names = [
             f"abfm.{package}.{name}"
-            for name, value in vars_of(getattr(abfm, package)).items()
+            for name, value in _public_values(getattr(abfm, package)).items()
             if name not in public and (isfunction(unwrap(value)) or isclass(value))
         ]
         parts.append(_table(f"abfm.{package}", names, summary))
     return "\n\n".join(parts) + "\n"
 
 
-def vars_of(module: ModuleType) -> dict[str, object]:
+def _public_values(module: ModuleType) -> dict[str, object]:
     """Return the public names of a package, which are imported when they are first used."""
     return {name: getattr(module, name) for name in dir(module) if not name.startswith("_")}
 

@@ -51,10 +51,10 @@ def cortex(folder: Path) -> None:
 
 def sequence(folder: Path) -> None:
     """Draw frames of a wave on a sphere with the recovered velocity."""
-    mesh = abfm.load_mesh(fetch_surf_fsaverage("fsaverage5")["sphere_left"])
+    sphere = fetch_surf_fsaverage("fsaverage5")["sphere_left"]
+    mesh = abfm.load_mesh(sphere)
     directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
     np.save(folder / "wave.npy", turning_wave(directions, 0.04 * np.arange(6))[0])
-    sphere = fetch_surf_fsaverage("fsaverage5")["sphere_left"]
     _run("sequence", sphere, folder / "wave.npy", "--dt", 0.04, "--out", folder / "wave.npz")
     _run("render", folder / "wave.npz", "--out", IMAGES / "sequence.png")
 
