@@ -26,7 +26,7 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
     changed = ", ".join(
         f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()
     )
-    start = "from the current field" if remedy.goes_on else "from a zero field"
+    start = "from the current field" if remedy.starts_from_field else "from a zero field"
     given = f", with {changed}" if changed else ""
     return f"{sentence(remedy.words)}\nStarts a run {start}{given}."
 

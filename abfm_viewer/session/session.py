@@ -280,7 +280,7 @@ class Session(Parts):
         may_start = not (self.solver.running or self.obstacle or self.loading.replacing)
         if may_start:
             self.editor.set_parameter(label=remedy.label.lower(), **remedy.parameters)
-        self.match(remedy.goes_on)
+        self.match(remedy.starts_from_field)
         if may_start and remedy.parameters:
             self._run.remedy_action = self.editor.action_count
 

@@ -33,7 +33,7 @@ class Outcome(StrEnum):
     """This flow does not match the functions."""
     IMPOSSIBLE = "impossible"
     """No flow can match the functions."""
-    OUTLIER = "does not fit"
+    OUTLIER = "outlier"
     """A subject is an outlier of its population."""
     MISSING = "missing"
     """The row has not been solved."""

@@ -258,7 +258,7 @@ def match_of_flow(example: Example) -> Match | None:
         verified_residual=math.nan,
         folded=math.nan,
         stop_reason=StopReason.GIVEN,
-        verdict=Verdict(outcome, sentence_of(Cause.GIVEN), "", cause=Cause.GIVEN),
+        verdict=Verdict(outcome, sentence_of(Cause.FIELD_GIVEN), "", cause=Cause.FIELD_GIVEN),
     )
 
 

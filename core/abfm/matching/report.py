@@ -91,7 +91,7 @@ def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
         if not (result or remedy.parameters):
             continue
         words = [as_option(name, value) for name, value in remedy.parameters.items()]
-        words += [f"--start {result}"] if remedy.goes_on and result else []
+        words += [f"--start {result}"] if remedy.starts_from_field and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or facts.advice
 

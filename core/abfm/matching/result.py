@@ -570,7 +570,7 @@ def _remedies(text: str) -> tuple[Remedy, ...]:
         raise ValueError(
             f"the remedies are {one_line(text, 60)!r}; expected a list with {names}"
         ) from error
-    kinds = {"label": str, "words": str, "parameters": dict, "goes_on": bool}
+    kinds = {"label": str, "words": str, "parameters": dict, "starts_from_field": bool}
     for remedy in found:
         for name, kind in kinds.items():
             if not isinstance(getattr(remedy, name), kind):

@@ -115,7 +115,7 @@ def vanished(functions: FunctionTerm, advected: FloatArray) -> bool:
     return functions.deviation(advected) < _DEVIATION_SHARE * least
 
 
-def stood_still(functions: FunctionTerm, advected: FloatArray) -> bool:
+def hardly_moved(functions: FunctionTerm, advected: FloatArray) -> bool:
     """Return whether the flow hardly moved the source, but the target is elsewhere."""
     difference = functions.norm(functions.source - functions.target)
     return functions.norm(advected - functions.source) < _STILL_SHARE * difference

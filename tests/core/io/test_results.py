@@ -272,7 +272,7 @@ def parameters(more):
         ("remedies", np.array('{"a": 1}'), ("remedies",)),
         ("remedies", np.array('[{"label": [], "words": ""}]'), ("label",)),
         ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), ("remedies",)),
-        ("remedies", np.array("[{}]"), ("label", "words", "parameters", "goes_on")),
+        ("remedies", np.array("[{}]"), ("label", "words", "parameters", "starts_from_field")),
         ("remedies", np.array("{"), ("{", "remedies")),
         ("remedies", np.array("3"), (3, "remedies")),
         ("remedies", np.array(UNKNOWN), ("sigmma",)),

@@ -139,7 +139,7 @@ def test_start_continues_and_failures_have_advice(matched):
     loose = abfm.Parameters.of(landmark_sigma=3.0, segments=1)
     failed = abfm.match(problem.with_parameters(loose))
     assert failed.verdict.kind == "not reached"
-    assert failed.verdict.cause is Cause.LANDMARKS_FAR
+    assert failed.verdict.cause is Cause.LANDMARKS_NOT_REACHED
     assert failed.verdict.remedies[0].parameters == {"landmark_sigma": 1.0}
     assert failed.landmark_errors.max() > 10 * ERROR_MAX
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import abfm
 from abfm import MatchingEnergy, Parameters, Problem
-from abfm.matching.solvability import is_measured, squeezed, stood_still, value_gap
+from abfm.matching.solvability import hardly_moved, is_measured, squeezed, value_gap
 from abfm.matching.solving.measures import flow_line_measures
 from abfm.outcome import Outcome
 from tests.core.fields import bump
@@ -40,7 +40,7 @@ def measurements(f, g, mask):
     ]
     decisions = [
         squeezed(functions, advected),
-        stood_still(functions, advected),
+        hardly_moved(functions, advected),
         is_measured(functions),
     ]
     return numbers, decisions

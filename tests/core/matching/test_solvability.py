@@ -116,8 +116,8 @@ def test_vanished_unmoved_and_squeezed_sources():
     problem = term(f, g)
     assert solvability.vanished(problem, (0.01 * at(30) + 0.1)[None])
     assert not solvability.vanished(problem, (0.5 * at(30))[None])
-    assert solvability.stood_still(problem, (f + 0.01 * at(30))[None])
-    assert not solvability.stood_still(problem, (at(20))[None])
+    assert solvability.hardly_moved(problem, (f + 0.01 * at(30))[None])
+    assert not solvability.hardly_moved(problem, (at(20))[None])
     # the target is also small
     assert not solvability.vanished(term(f, 0.01 * g), (0.01 * at(30))[None])
     assert solvability.distance(term(f, 2 * f)) == 0  # the source is nowhere larger

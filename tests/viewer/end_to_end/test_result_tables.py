@@ -229,7 +229,7 @@ def show_the_outlier(opened, monkeypatch):
     opened.click(population_sample.OUTLIER_NAME, "rows")
     settle(opened)
     assert rows_of(opened)[0] == population_sample.OUTLIER_NAME
-    assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
+    assert [row.verdict == "outlier" for row in tables.rows] == [True] + [False] * 8
     found = load(tables.table.place / population_sample.NAME)
     outlier = found.subject(population_sample.OUTLIER_NAME)
     opened.wait(lambda s: s.values("target") is not None)

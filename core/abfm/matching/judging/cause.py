@@ -11,30 +11,30 @@ class Cause(StrEnum):
     """The cause of the outcome of a match or of an interval of a sequence."""
 
     NONE = "none"
-    GIVEN = "given"
+    FIELD_GIVEN = "field given"
     BOTH_CONSTANT = "both constant"
     SOURCE_CONSTANT = "source constant"
     TARGET_CONSTANT = "target constant"
     VALUES_DIFFER = "values differ"
     EXTREMA_DIFFER = "extrema differ"
-    LANDMARKS_FAR = "landmarks far"
+    LANDMARKS_NOT_REACHED = "landmarks not reached"
     LIMIT_OF_DATA = "limit of data"
-    LITTLE_GAINED = "little gained"
-    NOT_HELD_OUT = "not held out"
+    LITTLE_IMPROVEMENT = "little improvement"
+    NO_HELD_OUT_IMPROVEMENT = "no held-out improvement"
     INITIAL_MAP = "initial map"
     COMPLETE_MAP = "complete map"
     CHECKS_DISAGREE = "checks disagree"
-    LESS_CONFIRMED = "less confirmed"
+    PARTLY_CONFIRMED = "partly confirmed"
     FOLDED = "folded"
-    SQUEEZED = "squeezed"
-    STOOD_STILL = "stood still"
+    SOURCE_SQUEEZED = "source squeezed"
+    SOURCE_UNMOVED = "source unmoved"
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"
-    STILL_FALLING = "still falling"
+    ITERATION_LIMIT = "iteration limit"
     LINE_SEARCH_FAILED = "line search failed"
     NEEDS_ROUGHER_FIELD = "needs rougher field"
-    STEP_OF_PATH = "step of path"
-    BOUNDED = "bounded"
+    SELECTED_STEP = "selected step"
+    DISTORTION_LIMITED = "distortion limited"
     INCONSISTENT = "inconsistent"
     NO_MOTION = "no motion"
     NOISE = "noise"
@@ -48,7 +48,7 @@ class Cause(StrEnum):
 
 SENTENCES: dict[Cause, str] = {
     Cause.NONE: "",
-    Cause.GIVEN: "the field was given, not computed",
+    Cause.FIELD_GIVEN: "the field was given, not computed",
     Cause.BOTH_CONSTANT: "source and target are constant, so they determine no motion",
     Cause.SOURCE_CONSTANT: "the source is constant, and every flow leaves it constant",
     Cause.TARGET_CONSTANT: (
@@ -61,14 +61,14 @@ SENTENCES: dict[Cause, str] = {
     Cause.EXTREMA_DIFFER: (
         "{channel}the source has {here} but the target has {there}, and no flow changes that"
     ),
-    Cause.LANDMARKS_FAR: (
+    Cause.LANDMARKS_NOT_REACHED: (
         "{missed} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
     ),
     Cause.LIMIT_OF_DATA: "a closer match would fit noise, as held-out patches would not improve",
-    Cause.LITTLE_GAINED: (
+    Cause.LITTLE_IMPROVEMENT: (
         "the residual is not clearly below that without motion, so the functions are not registered"
     ),
-    Cause.NOT_HELD_OUT: "the residual of held-out patches does not fall, so the field fits noise",
+    Cause.NO_HELD_OUT_IMPROVEMENT: "the residual of held-out patches does not fall, so the field fits noise",
     Cause.INITIAL_MAP: "{warning}",
     Cause.COMPLETE_MAP: (
         "the complete map from A to B has a residual of {residual}, more than the flow on B"
@@ -76,13 +76,13 @@ SENTENCES: dict[Cause, str] = {
     Cause.CHECKS_DISAGREE: (
         "flow lines do not confirm the match, so the discrete flow is inaccurate here"
     ),
-    Cause.LESS_CONFIRMED: "flow lines confirm less of the match than the discrete flow",
+    Cause.PARTLY_CONFIRMED: "flow lines confirm less of the match than the discrete flow",
     Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
-    Cause.SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
-    Cause.STOOD_STILL: "the source hardly moved, as smoothness outweighs the match at this sigma",
+    Cause.SOURCE_SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
+    Cause.SOURCE_UNMOVED: "the source hardly moved, as smoothness outweighs the match at this sigma",
     Cause.CANCELLED: "the run was cancelled",
     Cause.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
-    Cause.STILL_FALLING: "{limit} while the energy still fell",
+    Cause.ITERATION_LIMIT: "{limit} while the energy still fell",
     Cause.LINE_SEARCH_FAILED: "no step lowers the energy further, often because of rounding errors",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",
     Cause.NO_MOTION: "most of the change is not explained by motion",
@@ -102,8 +102,8 @@ SENTENCES: dict[Cause, str] = {
         "the frames determine no motion: the field does not predict held-out frames, as in a "
         "standing wave or in noise"
     ),
-    Cause.STEP_OF_PATH: "this is the step of the continuation with sigma {sigma:.3g}",
-    Cause.BOUNDED: (
+    Cause.SELECTED_STEP: "this is the step of the continuation with sigma {sigma:.3g}",
+    Cause.DISTORTION_LIMITED: (
         "the distortion is limited to {most:g}; {share:.2f}% of the faces are within the limit "
         "and {percent:g}% within {largest:.2g}"
     ),
@@ -117,11 +117,11 @@ ADVICE: dict[Cause, str] = {
     Cause.TARGET_CONSTANT: "use a target with the values of the source at other places",
     Cause.VALUES_DIFFER: "scale or clip one of the functions",
     Cause.EXTREMA_DIFFER: "smooth the functions, refine the mesh, or expect a partial match",
-    Cause.LITTLE_GAINED: "check that the functions correspond and that the initial map is correct",
-    Cause.NOT_HELD_OUT: "smooth the functions, or use a larger sigma",
+    Cause.LITTLE_IMPROVEMENT: "check that the functions correspond and that the initial map is correct",
+    Cause.NO_HELD_OUT_IMPROVEMENT: "smooth the functions, or use a larger sigma",
     Cause.INITIAL_MAP: "inspect the initial map, and give landmarks or another map",
     Cause.COMPLETE_MAP: "smooth the functions of A, or refine its mesh",
-    Cause.SQUEEZED: (
+    Cause.SOURCE_SQUEEZED: (
         "use wider functions that overlap, or match intermediate targets, each from the last field"
     ),
 }

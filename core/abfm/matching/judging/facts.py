@@ -53,7 +53,7 @@ class Report:
         headline, reason, bound = self._headline(), self._reason(), evidence.bound
         if bound is not None and bound.is_satisfied:
             headline += f", distortion within {bound.max_distortion:g}"
-            if verdict.cause is not Cause.BOUNDED:
+            if verdict.cause is not Cause.DISTORTION_LIMITED:
                 reason += f"; {sentence_of_bound(bound)}"
         return Facts(
             verdict.kind,

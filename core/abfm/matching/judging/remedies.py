@@ -37,7 +37,7 @@ class Remedy:
         The advice as an imperative phrase.
     parameters : dict
         New values of the parameters that change.
-    goes_on : bool
+    starts_from_field : bool
         Whether the run starts from the field of the match, instead of without motion.
 
     Raises
@@ -49,7 +49,7 @@ class Remedy:
     label: str
     words: str
     parameters: dict[str, Any] = field(default_factory=dict)
-    goes_on: bool = False
+    starts_from_field: bool = False
 
     def __post_init__(self) -> None:
         Parameters.of(**self.parameters)

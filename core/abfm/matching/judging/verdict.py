@@ -91,18 +91,18 @@ class Verdict:
         """Return the verdict of a single step, without the stop reason and advice of the match."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
-        return self.with_cause(self.kind, Cause.STEP_OF_PATH, sigma=sigma)
+        return self.with_cause(self.kind, Cause.SELECTED_STEP, sigma=sigma)
 
     def with_bound(self, bound: Bound) -> "Verdict":
         """Return the verdict of a field whose residual is limited by a bound of distortion."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_satisfied:
             return self
-        return self.with_cause(self.kind, Cause.BOUNDED, **_bound_details(bound))
+        return self.with_cause(self.kind, Cause.DISTORTION_LIMITED, **_bound_details(bound))
 
 
 def sentence_of_bound(bound: Bound) -> str:
     """Return the sentence about a map that satisfies a bound of distortion."""
-    return sentence_of(Cause.BOUNDED, **_bound_details(bound))
+    return sentence_of(Cause.DISTORTION_LIMITED, **_bound_details(bound))
 
 
 def _bound_details(bound: Bound) -> dict[str, float]:
@@ -214,7 +214,7 @@ class _Case:
         suggestions = (self.remedies.smaller_landmark_sigma(), self.remedies.finer_mesh())
         return self._verdict(
             outcome,
-            Cause.LANDMARKS_FAR,
+            Cause.LANDMARKS_NOT_REACHED,
             *(each for each in suggestions if each),
             missed=missed,
             count=len(errors),
@@ -272,7 +272,7 @@ class _Case:
             return self._of_interruption(Outcome.NEARLY)
         verified = self.evidence.verified
         if self.is_verified and verified > max(self.parameters.goal, self.evidence.residual):
-            return self._verdict(Outcome.NEARLY, Cause.LESS_CONFIRMED, *self._more_consistent())
+            return self._verdict(Outcome.NEARLY, Cause.PARTLY_CONFIRMED, *self._more_consistent())
         return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.smaller_sigma())
 
     def not_reached(self) -> Verdict:
@@ -286,14 +286,14 @@ class _Case:
             return self._of_squeezed_source()
         if evidence.stop_reason.is_interrupted:
             return self._of_interruption(Outcome.NOT_REACHED)
-        if solvability.stood_still(self.functions, evidence.advected) and not hardly_began:
+        if solvability.hardly_moved(self.functions, evidence.advected) and not hardly_began:
             larger_reach = (remedies.larger_reach(),) if remedies.is_beyond_reach else ()
             suggestions = (*larger_reach, remedies.much_smaller_sigma())
-            return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *suggestions)
+            return self._verdict(Outcome.NOT_REACHED, Cause.SOURCE_UNMOVED, *suggestions)
         if self.is_measured and not self.has_improved:
-            return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_GAINED)
+            return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_IMPROVEMENT)
         if self.is_measured and evidence.held_out >= 1:
-            return self._verdict(Outcome.NOT_REACHED, Cause.NOT_HELD_OUT)
+            return self._verdict(Outcome.NOT_REACHED, Cause.NO_HELD_OUT_IMPROVEMENT)
         if self.different_features:
             return self._of_obstacle()
         if self._is_cut_short():
@@ -369,7 +369,7 @@ class _Case:
         if confirmed and not remedies.is_beyond_reach:
             suggestions.append(CONTINUE_REMEDY)
         limit = limit_sentence(self.parameters.solver.iterations)
-        return self._verdict(outcome, Cause.STILL_FALLING, *suggestions, limit=limit)
+        return self._verdict(outcome, Cause.ITERATION_LIMIT, *suggestions, limit=limit)
 
     def _of_squeezed_source(self) -> Verdict:
         """Return the verdict of a source that shrank instead of moving."""
@@ -387,11 +387,11 @@ class _Case:
         else:
             suggestions, advice = (
                 [remedies.much_smaller_sigma()] if remedies.has_large_sigma else [],
-                ADVICE[Cause.SQUEEZED],
+                ADVICE[Cause.SOURCE_SQUEEZED],
             )
         return self._verdict(
             Outcome.NOT_REACHED,
-            Cause.SQUEEZED,
+            Cause.SOURCE_SQUEEZED,
             *suggestions,
             advice=advice,
             to_nothing="to nothing " * vanished,
@@ -423,5 +423,5 @@ class _Case:
 _CAUSES = {
     StopReason.CANCELLED: Cause.CANCELLED,
     StopReason.OUT_OF_MEMORY: Cause.OUT_OF_MEMORY,
-    StopReason.ITERATION_LIMIT: Cause.STILL_FALLING,
+    StopReason.ITERATION_LIMIT: Cause.ITERATION_LIMIT,
 }

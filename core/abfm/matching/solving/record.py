@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
 from abfm.matching.path import PathStep
-from abfm.matching.solvability import stood_still, vanished
+from abfm.matching.solvability import hardly_moved, vanished
 from abfm.matching.solving.levels import Level, Levels
 from abfm.matching.solving.schedule import Stage
 from abfm.matching.solving.settings import SETTINGS
@@ -51,7 +51,7 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
             "the source is being squeezed to nothing instead of moving: it may be too far from the "
             "target"
         )
-    if iteration >= SETTINGS.warning_iterations_min and stood_still(functions, advected):
+    if iteration >= SETTINGS.warning_iterations_min and hardly_moved(functions, advected):
         return "the source hardly moves: it may be too far from the target, or sigma too large"
     return None
 

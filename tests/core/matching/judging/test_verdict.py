@@ -17,7 +17,7 @@ from abfm.matching import Remedy
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.remedies import Remedies
 from abfm.matching.judging.verdict import Evidence, judge
-from abfm.matching.solvability import distance, range_bound, stood_still, vanished
+from abfm.matching.solvability import distance, hardly_moved, range_bound, vanished
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
@@ -81,7 +81,7 @@ def test_matched_functions_need_no_advice():
     abfm.match(SPHERE, at(0), at(45), Parameters.of(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
     assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
-    assert not stood_still(problem, seen[-1].advected.T)
+    assert not hardly_moved(problem, seen[-1].advected.T)
 
 
 @settings(deadline=None)
@@ -174,11 +174,11 @@ def test_unmoved_source_is_not_reached():
     assert labels(verdict) == ["Reach further", "Match closer"]
     check_message(verdict.advice, 1)
     assert "more iterations" not in verdict.advice
-    assert stood_still(problem, match.advected.T)
+    assert hardly_moved(problem, match.advected.T)
     assert early_warning(problem, match.advected.T, 2) is None
     warning = early_warning(problem, match.advected.T, 10)
     check_message(warning)
-    assert not stood_still(problem, match.target.T)
+    assert not hardly_moved(problem, match.target.T)
 
 
 def test_different_peaks_match_only_in_part():
@@ -225,7 +225,7 @@ def test_iteration_limit_advises_more_iterations():
     assert verdict.reason.endswith(verdict.why)
     check_message(verdict.why, 4)
     check_message(verdict.advice, 1000)
-    assert [(each.label, each.parameters, each.goes_on) for each in verdict.remedies] == [
+    assert [(each.label, each.parameters, each.starts_from_field) for each in verdict.remedies] == [
         ("More time", {"iterations": 1000}, False),
         ("Continue", {}, True),
     ]
@@ -320,7 +320,7 @@ def test_each_remedy_lowers_the_residual(names, degrees, parameters):
     assert labels(match.verdict) == names
     for remedy in match.verdict.remedies:
         p = parameters.with_values(**remedy.parameters)
-        start = match.start_for(p) if remedy.goes_on else None
+        start = match.start_for(p) if remedy.starts_from_field else None
         again = abfm.match(EGG, around(0), around(degrees), p, start=start)
         assert again.worse_residual < match.worse_residual, remedy
 
@@ -437,10 +437,10 @@ def test_remedies_of_extreme_parameters_are_valid(extreme, size):
     [
         (0.0, 0.9, 0.9, "registered", Cause.LIMIT_OF_DATA),
         (0.0, 0.9, math.nan, "registered", Cause.LIMIT_OF_DATA),
-        (0.0, 0.96, 0.9, "not reached", Cause.LITTLE_GAINED),
+        (0.0, 0.96, 0.9, "not reached", Cause.LITTLE_IMPROVEMENT),
         (0.9, 0.79, 0.9, "registered", Cause.LIMIT_OF_DATA),
-        (0.9, 0.81, 0.9, "not reached", Cause.LITTLE_GAINED),
-        (0.9, 0.5, 1.01, "not reached", Cause.NOT_HELD_OUT),
+        (0.9, 0.81, 0.9, "not reached", Cause.LITTLE_IMPROVEMENT),
+        (0.9, 0.5, 1.01, "not reached", Cause.NO_HELD_OUT_IMPROVEMENT),
     ],
 )
 def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, kind, cause):
