@@ -68,7 +68,9 @@ SENTENCES: dict[Cause, str] = {
     Cause.LITTLE_IMPROVEMENT: (
         "the residual is not clearly below that without motion, so the functions are not registered"
     ),
-    Cause.NO_HELD_OUT_IMPROVEMENT: "the residual of held-out patches does not fall, so the field fits noise",
+    Cause.NO_HELD_OUT_IMPROVEMENT: (
+        "the residual of held-out patches does not fall, so the field fits noise"
+    ),
     Cause.INITIAL_MAP: "{warning}",
     Cause.COMPLETE_MAP: (
         "the complete map from A to B has a residual of {residual}, more than the flow on B"
@@ -79,7 +81,9 @@ SENTENCES: dict[Cause, str] = {
     Cause.PARTLY_CONFIRMED: "flow lines confirm less of the match than the discrete flow",
     Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
     Cause.SOURCE_SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
-    Cause.SOURCE_UNMOVED: "the source hardly moved, as smoothness outweighs the match at this sigma",
+    Cause.SOURCE_UNMOVED: (
+        "the source hardly moved, as smoothness outweighs the match at this sigma"
+    ),
     Cause.CANCELLED: "the run was cancelled",
     Cause.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
     Cause.ITERATION_LIMIT: "{limit} while the energy still fell",
@@ -117,7 +121,9 @@ ADVICE: dict[Cause, str] = {
     Cause.TARGET_CONSTANT: "use a target with the values of the source at other places",
     Cause.VALUES_DIFFER: "scale or clip one of the functions",
     Cause.EXTREMA_DIFFER: "smooth the functions, refine the mesh, or expect a partial match",
-    Cause.LITTLE_IMPROVEMENT: "check that the functions correspond and that the initial map is correct",
+    Cause.LITTLE_IMPROVEMENT: (
+        "check that the functions correspond and that the initial map is correct"
+    ),
     Cause.NO_HELD_OUT_IMPROVEMENT: "smooth the functions, or use a larger sigma",
     Cause.INITIAL_MAP: "inspect the initial map, and give landmarks or another map",
     Cause.COMPLETE_MAP: "smooth the functions of A, or refine its mesh",
