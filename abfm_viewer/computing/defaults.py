@@ -90,10 +90,10 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
 
     at_vertex: FloatArray = normals @ best_front(mesh).direction
     sample = np.arange(0, len(at_vertex), -(-len(at_vertex) // _AVERAGED_VERTICES))
-    neighbors = min(len(sample), math.ceil(math.pi * WIDTH**2 * len(sample)))
+    neighbours = min(len(sample), math.ceil(math.pi * WIDTH**2 * len(sample)))
     tree = KDTree(mesh.vertices[sample])
-    nearest = tree.query(mesh.vertices[sample], k=neighbors)[1]
-    around = sample[nearest.reshape(len(sample), neighbors)]
+    nearest = tree.query(mesh.vertices[sample], k=neighbours)[1]
+    around = sample[nearest.reshape(len(sample), neighbours)]
     same_side = (normals[around] * normals[sample, None]).sum(axis=2) > 0
     averages = (at_vertex[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
     facing: FloatArray = np.minimum(at_vertex, averages[tree.query(mesh.vertices)[1]])

@@ -106,9 +106,9 @@ def draw_parts(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font
 
 def _draw_disc(picture: Image.Image, disc: Disc) -> None:
     """Draw a disc with antialiasing."""
-    left, top = (math.floor(middle - disc.radius) for middle in disc.center)
+    left, top = (math.floor(middle - disc.radius) for middle in disc.centre)
     side = math.ceil(2 * disc.radius) + 2
-    middle = [_DISC_SAMPLES * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
+    middle = [_DISC_SAMPLES * (at - low) for at, low in zip(disc.centre, (left, top), strict=True)]
     mask = Image.new("L", (_DISC_SAMPLES * side, _DISC_SAMPLES * side), 0)
     for radius, shade in ((disc.radius, 255), *([(disc.hole, 0)] if disc.hole else [])):
         box = [at + sign * _DISC_SAMPLES * radius for sign in (-1, 1) for at in middle]

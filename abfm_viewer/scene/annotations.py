@@ -82,7 +82,7 @@ class Line:
 class Disc:
     """A disc, or a ring if the radius of its hole is not 0."""
 
-    center: tuple[float, float]
+    centre: tuple[float, float]
     radius: float
     color: Color
     hole: float = 0.0
@@ -335,9 +335,9 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
                 canvas.AddLine(start, end, _u32(one.color), one.width)
         elif isinstance(one, Disc) and one.hole:
             width = one.radius - one.hole
-            canvas.AddCircle(one.center, one.hole + width / 2, _u32(one.color), 0, width)
+            canvas.AddCircle(one.centre, one.hole + width / 2, _u32(one.color), 0, width)
         elif isinstance(one, Disc):
-            canvas.AddCircleFilled(one.center, one.radius, _u32(one.color))
+            canvas.AddCircleFilled(one.centre, one.radius, _u32(one.color))
         elif isinstance(one, Strip):
             left, top, right, bottom = one.rect
             edges = np.linspace(left, right, _STEPS + 1)

@@ -109,9 +109,9 @@ def _path_at(
 @per_mesh
 def evenly_spread(mesh: TriangleMesh) -> IntArray:
     """Return the largest face in each cube of a grid."""
-    centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
+    centres = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
-    cells = np.floor(centers[by_size] / _CUBE).astype(np.int64)
+    cells = np.floor(centres[by_size] / _CUBE).astype(np.int64)
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 

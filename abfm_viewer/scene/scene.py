@@ -157,8 +157,8 @@ class Scene:
         assert before is not None
         target = before.target
         if view.target is not self.view.target:
-            is_centered = np.allclose(view.target, view.center, rtol=0, atol=1e-9 * view.radius)
-            target = None if is_centered else triple(self._viewport.undrawn(view.target))
+            is_centred = np.allclose(view.target, view.centre, rtol=0, atol=1e-9 * view.radius)
+            target = None if is_centred else triple(self._viewport.undrawn(view.target))
         viewpoint = Viewpoint(
             Front(triple(view.rotation[2]), triple(view.rotation[1])), view.zoom, target
         )
@@ -443,7 +443,7 @@ class Fitted:
 
 def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
     """Return points (2 n, 3) of both rims of the cylinder in which a mesh turns about an axis."""
-    middle = viewport(mesh).center
+    middle = viewport(mesh).centre
     along = (mesh.vertices - middle) @ axis
     radius = np.linalg.norm(mesh.vertices - middle - along[:, None] * axis, axis=1).max()
     first = np.roll(axis, 1)

@@ -110,12 +110,12 @@ class SlotView:
     slots: Slots
     rotation: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
     target: FloatArray  # (3,): the point in the middle of the slots
-    center: FloatArray  # (3,): the target if the surfaces are not moved
+    centre: FloatArray  # (3,): the target if the surfaces are not moved
     upright: FloatArray  # (3,): the axis that points up in the front view
     zoom: float
     scale: float  # pixels per unit length
-    radius: float  # of the surface, about the center
-    above: float  # extent of the surface upwards from the center in this view
+    radius: float  # of the surface, about the centre
+    above: float  # extent of the surface upwards from the centre in this view
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
         """Return places and depths (P, 3) of points (P, 3); a nearer point has less depth."""
@@ -141,7 +141,7 @@ class SlotView:
     @property
     def is_clipped(self) -> bool:
         """Whether the surfaces may exceed their slots."""
-        return self.zoom > 1 or bool(np.abs(self.target - self.center).max() > 1e-9 * self.radius)
+        return self.zoom > 1 or bool(np.abs(self.target - self.centre).max() > 1e-9 * self.radius)
 
     @property
     def has_names_at_left(self) -> bool:
@@ -151,7 +151,7 @@ class SlotView:
 
     def label(self, name: str) -> Rect:
         """Return the rectangle of a surface's name in its slot, close to the surface."""
-        slot, (x, y, _) = self.slots[name], self.projected(name, self.center)[0].tolist()
+        slot, (x, y, _) = self.slots[name], self.projected(name, self.centre)[0].tolist()
         left, top, right, bottom = slot.name
         if self.has_names_at_left:
             return left, top, min(max(x - self.scale * self.radius, right), slot.rect[2]), bottom
@@ -208,19 +208,19 @@ class SlotView:
     def moved(self, delta: Place) -> Self:
         """Return the view after a move by pixels; the surfaces stay in the window."""
         shift = np.array([-delta[0], delta[1], 0.0]) / self.scale
-        away = self.target + shift @ self.rotation - self.center
+        away = self.target + shift @ self.rotation - self.centre
         share = min(1.0, self.radius / max(float(np.linalg.norm(away)), 1e-12))
-        return replace(self, target=self.center + away * share)
+        return replace(self, target=self.centre + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
         """Return the view zoomed by a factor about a place of the window.
 
-        Zooming out also moves the target back to the center.
+        Zooming out also moves the target back to the centre.
         """
         zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
-            target = self.center + share * (self.target - self.center)
+            target = self.centre + share * (self.target - self.centre)
             return replace(self, zoom=zoom, target=target)
         middle = self.slots[name].middle
         away = np.array([place[0] - middle[0], middle[1] - place[1], 0.0]) / self.scale
@@ -234,8 +234,8 @@ class SlotView:
         """
         axes = self.rotation @ front.axes.T @ other.axes
         view = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
-        moved = front.axes @ (self.target - self.center) * (self.scale / view.scale)
-        return replace(view, target=view.center + moved @ other.axes)
+        moved = front.axes @ (self.target - self.centre) * (self.scale / view.scale)
+        return replace(view, target=view.centre + moved @ other.axes)
 
     def _on_ball(self, name: str, place: Place) -> FloatArray:
         """Return the unit vector (3,) to a place on the ball, or on the hyperboloid around it."""
@@ -269,14 +269,14 @@ class Fit:
         axes = front.axes
         low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
         self.shape: tuple[float, float] = (float(high[0] - low[0]), float(high[1] - low[1]))
-        self._center: FloatArray = (low + high) / 2 @ axes
+        self._centre: FloatArray = (low + high) / 2 @ axes
         self._upright = axes[1]
-        self._around = points - self._center
+        self._around = points - self._centre
         self._radius = float(np.linalg.norm(self._around, axis=1).max())
         self._last: tuple[Front, FloatArray, tuple[float, float], float] | None = None
 
     def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
-        """Return the view from a front; the default target is the center of the surface."""
+        """Return the view from a front; the default target is the centre of the surface."""
         if self._last is None or self._last[0] != front:  # most frames have the same front
             axes = front.axes
             across, upwards = (self._around @ axes[:2].T).T
@@ -285,7 +285,7 @@ class Fit:
         _, axes, size, above = self._last
         half = next(iter(slots.values())).half
         scale = zoom * min(fitting(half, self.shape), fitting(half, size))
-        center = self._center
-        target = center if target is None else target
+        centre = self._centre
+        target = centre if target is None else target
         sizes = zoom, scale, self._radius, above
-        return SlotView(slots, axes, target, center, self._upright, *sizes)
+        return SlotView(slots, axes, target, centre, self._upright, *sizes)

@@ -37,14 +37,14 @@ class Viewport:
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
-        self.center: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+        self.centre: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
         self.length = mesh.length_scale
 
     def drawn(self, points: FloatArray) -> FloatArray:
-        return (points - self.center) / self.length
+        return (points - self.centre) / self.length
 
     def undrawn(self, points: FloatArray) -> FloatArray:
-        return self.center + self.length * points
+        return self.centre + self.length * points
 
 
 viewport = per_mesh(Viewport)

@@ -179,7 +179,7 @@ def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     return Streaks(field, atlas, np.stack(rounded), (fade, moving))
 
 
-def coloured(
+def colored(
     streaks: Streaks,
     phase: float,
     values: FloatArray,
@@ -308,7 +308,7 @@ class FieldQuantities(Jobs):
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(subject, coloured, streaks, phase, values, colors, unknown)
+        return self._texture.newest(subject, colored, streaks, phase, values, colors, unknown)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
         """Return the subject of the texture, for `Latest.newest`, and streaks along a field."""

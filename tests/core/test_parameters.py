@@ -145,7 +145,7 @@ def test_table_row_is_as_printed(row, printed):
 
 
 @pytest.mark.parametrize("row", TABLE_1.values())
-def test_row_is_recognised_by_its_values(row):
+def test_row_is_recognized_by_its_values(row):
     """A row has the energy of the paper, and is recognised until a value changes."""
     p = row.parameters(iterations=7)
     assert (p.solver.order, p.paper.sigma_unit, p.solver.reach, p.solver.levels) == (

@@ -91,7 +91,7 @@ def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
-def face_centers(mesh: TriangleMesh) -> FloatArray:
+def face_centres(mesh: TriangleMesh) -> FloatArray:
     """Return the face centres, (F, 3)."""
     return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
@@ -102,7 +102,7 @@ def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatAr
     The fields rotate about the axis and around the tube, (F, 3).
     """
     mesh = torus(n, n // 2)
-    x, y, z = face_centers(mesh).T
+    x, y, z = face_centres(mesh).T
     ring = np.hypot(x, z)
     by_about = np.stack([z, np.zeros_like(z), -x], axis=1)
     return mesh, ring, by_about, np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)

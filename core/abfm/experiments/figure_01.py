@@ -55,7 +55,7 @@ def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
     """Match a Gaussian at the first of three vertices to Gaussians of equal mass at the others."""
-    center, *targets = ends
+    centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (
         geodesic_distance(mesh, [end]) / mesh.length_scale for end in ends
@@ -69,7 +69,7 @@ def match_one_to_two(
     widths = width * np.geomspace(0.25, 8, 200)
     both = sum(mass(distances, width) for distances in from_targets)
     source_width = round(float(np.interp(both, [mass(from_source, w) for w in widths], widths)), 4)
-    source = gaussian(mesh, center, source_width)
+    source = gaussian(mesh, centre, source_width)
     target = " + ".join(gaussian(mesh, vertex, width) for vertex in targets)
     f, g = function(mesh, source), function(mesh, target)
     problem = Problem(mesh, f, g, p)

@@ -106,7 +106,7 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 def rotation(mesh: TriangleMesh) -> FloatArray:
     """Return the rotation about the y axis, (F, 3)."""
-    around = np.cross([0.0, 1.0, 0.0], fields.face_centers(mesh))
+    around = np.cross([0.0, 1.0, 0.0], fields.face_centres(mesh))
     return fields.with_speed(mesh, fields.tangential_part(mesh, around), _SPEED)
 
 
@@ -124,7 +124,7 @@ def on_gourd(frequency: int) -> Case:
     """
     mesh = gourd(frequency)
     polar, slope, roughness_of_u = first_on_meridian()
-    x, y, z = points = fields.face_centers(mesh).T
+    x, y, z = points = fields.face_centres(mesh).T
     angle = np.arccos(y / np.linalg.norm(points.T, axis=1))
     # unit tangents of the meridians, away from the upper pole
     step, radius, ring = 1e-5, gourd_radius(angle), np.hypot(x, z)

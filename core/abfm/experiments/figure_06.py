@@ -131,16 +131,16 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 def on_sphere(frequency: int) -> Case:
     """Return the rotation about the y axis and a field of two different vortices."""
     mesh = geodesic_sphere(frequency)
-    points = fields.face_centers(mesh)
+    points = fields.face_centres(mesh)
 
     def exact(time: float) -> FloatArray:
         turn = Rotation.from_rotvec([0.0, _ANGULAR_SPEED * time, 0.0])
         back = turn.inv().apply(points)
         field = np.zeros_like(points)
         for direction, strength in (((0.5, 0.4, 0.77), 1.0), ((-0.2, -0.5, 0.84), -0.8)):
-            center = np.array(direction) / np.linalg.norm(direction)
-            bell = strength * np.exp((back @ center - 1) / 0.4**2)
-            field += np.cross(center, back) * bell[:, None]
+            centre = np.array(direction) / np.linalg.norm(direction)
+            bell = strength * np.exp((back @ centre - 1) / 0.4**2)
+            field += np.cross(centre, back) * bell[:, None]
         return fields.tangential_part(mesh, turn.apply(field))
 
     v = fields.tangential_part(mesh, _ANGULAR_SPEED * np.cross([0.0, 1.0, 0.0], points))
@@ -150,7 +150,7 @@ def on_sphere(frequency: int) -> Case:
 def on_torus(n: int, around_tube: bool) -> Case:
     """Return the rotation about the axis, an isometry, or around the tube, which is none."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
-    x, y, z = fields.face_centers(mesh).T
+    x, y, z = fields.face_centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
 
     def exact(time: float) -> FloatArray:

@@ -13,7 +13,7 @@ from abfm.parameters import Method
 from abfm.types import FloatArray
 
 
-class LinearizedFlow:
+class LinearisedFlow:
     """``id - t D_v`` of one field, the first two terms of the exponential (Eq. 5)."""
 
     rho = 0.0  # a step is one product, whatever its length
@@ -45,7 +45,7 @@ class LinearizedFlow:
 class Advection:
     """The flows of N consecutive fields, each for a time ``step``, by `Discretisation.flow`."""
 
-    def __init__(self, parts: Sequence[ExponentialFlow | LinearizedFlow], step: float) -> None:
+    def __init__(self, parts: Sequence[ExponentialFlow | LinearisedFlow], step: float) -> None:
         self.parts, self.step = parts, step
 
     @property
@@ -134,7 +134,7 @@ class Discretisation:
         """
         self.workspace.release()
         parts = [
-            LinearizedFlow(self.pattern, v)
+            LinearisedFlow(self.pattern, v)
             if self.method == "linearised"
             else ExponentialFlow(self.pattern, v, self.workspace, tolerance)
             for v in np.ascontiguousarray(fields)

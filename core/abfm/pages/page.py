@@ -225,7 +225,7 @@ class _PageData:
 
     def _mesh(self, mesh: TriangleMesh) -> dict[str, Any]:
         drawn = drawn_mesh(mesh)
-        numbers, low, step = quantized_points(_centered(mesh, mesh.vertices)[drawn.origin])
+        numbers, low, step = quantized_points(_centred(mesh, mesh.vertices)[drawn.origin])
         add = self._store.add
         return {
             "positions": add(numbers),
@@ -273,7 +273,7 @@ class _PageData:
         }
 
     def _paths(self, paths: Paths, mesh: TriangleMesh) -> dict[str, Any]:
-        ends = [_centered(mesh, np.asarray(each)) for each in (paths.starts, paths.ends)]
+        ends = [_centred(mesh, np.asarray(each)) for each in (paths.starts, paths.ends)]
         normals = np.zeros_like(ends[0]) if paths.normals is None else paths.normals
         opacities = np.ones(len(ends[0])) if paths.opacities is None else paths.opacities
         parts = [*ends, self._relative_times(paths.times), normals, opacities[:, None]]
@@ -294,7 +294,7 @@ class _PageData:
         }
 
 
-def _centered(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+def _centred(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     """Return centred points in sqrt(area), because graphics cards have a precision of 7 digits."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     return np.asarray((points - middle) / mesh.length_scale)

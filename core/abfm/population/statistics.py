@@ -115,12 +115,12 @@ def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
     if not known.any():
         return math.nan
     weights = areas[known]
-    centered = [each[known] - np.average(each[known], weights=weights) for each in (f, g)]
-    sizes = [math.sqrt(weights @ each**2) for each in centered]
+    centred = [each[known] - np.average(each[known], weights=weights) for each in (f, g)]
+    sizes = [math.sqrt(weights @ each**2) for each in centred]
     norms = [math.sqrt(weights @ each[known] ** 2) for each in (f, g)]
     if any(size <= _CONSTANT_DEVIATION_MAX * norm for size, norm in zip(sizes, norms, strict=True)):
         return math.nan
-    return float(np.clip(weights @ (centered[0] * centered[1]) / (sizes[0] * sizes[1]), -1, 1))
+    return float(np.clip(weights @ (centred[0] * centred[1]) / (sizes[0] * sizes[1]), -1, 1))
 
 
 def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:

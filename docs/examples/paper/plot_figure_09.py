@@ -51,10 +51,10 @@ print(f"mean drift at 2 tau: {drift.mean:.4f}")
 # The red, green and blue of a point are its coordinates x, y and z at time 0.
 
 times = {"t = 0": 0.0, "t = 0.5 tau": 0.5, "t = tau": 1.0, "t = 2 tau": 2.0}
-colours = [
+colors = [
     Panel(mesh, Coordinates(match.push(mesh.vertices, time)), name) for name, time in times.items()
 ]
-figure_picture(Sheet((tuple(colours),), view_functions=(abs(source).sum(axis=1),)))
+figure_picture(Sheet((tuple(colors),), view_functions=(abs(source).sum(axis=1),)))
 
 # %%
 # Match one function only

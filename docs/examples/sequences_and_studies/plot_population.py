@@ -27,7 +27,7 @@ from abfm_viewer.pictures import figure_picture
 mesh = abfm.load_mesh(trimesh.creation.icosphere(subdivisions=3))
 x, y, z = mesh.vertices.T
 pattern = np.sin(4 * y + 1) + 0.7 * np.sin(5 * x) + 0.5 * np.cos(4 * z)
-centers = mesh.vertices[mesh.faces].mean(axis=1)
+centres = mesh.vertices[mesh.faces].mean(axis=1)
 random = np.random.default_rng(1)
 folder = tempfile.TemporaryDirectory()
 
@@ -35,7 +35,7 @@ folder = tempfile.TemporaryDirectory()
 def subject(name: str, sign: float = 1) -> Subject:
     """Write the values of a subject, and return its description."""
     axes = random.normal(scale=0.2, size=(2, 3))
-    velocity = np.cross(axes[0] + np.sin(2 * centers) * axes[1], centers)
+    velocity = np.cross(axes[0] + np.sin(2 * centres) * axes[1], centres)
     values = sign * abfm.Flow(mesh, velocity, 1.0).point_map().pull_back(pattern)
     path = Path(folder.name, f"{name}.npy")
     np.save(path, values + random.normal(scale=0.05, size=len(values)))

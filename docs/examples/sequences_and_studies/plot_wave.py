@@ -45,11 +45,11 @@ parameters = abfm.sequences.defaults(alpha=1.0, sigma=0.1, order=1)
 sequence = abfm.sequence(mesh, frames, times, parameters)
 print(sequence.facts.headline)
 
-centers = mesh.vertices[mesh.faces].mean(axis=1)
+centres = mesh.vertices[mesh.faces].mean(axis=1)
 errors = []
 for i, velocity in enumerate(sequence.velocity):
     omega = np.add(angular_velocities[i], angular_velocities[i + 1]) / 2
-    truth = np.cross(omega, centers)
+    truth = np.cross(omega, centres)
     errors.append(np.linalg.norm(velocity - truth) / np.linalg.norm(truth))
 print(f"relative error of the velocity: {np.mean(errors):.3f}")
 sequence

@@ -35,7 +35,7 @@ def test_vectors_of_a_rotation_converge_on_the_sphere():
 
 def test_linear_fields_of_the_plane_are_exact_inside():
     mesh = square(12)
-    centers = mesh.vertices[mesh.faces].mean(axis=1)
+    centres = mesh.vertices[mesh.faces].mean(axis=1)
     points = points_by_area(mesh, 400)
     inside = np.abs(points.positions[:, :2] - 0.5).max(axis=1) < 0.3
 
@@ -43,7 +43,7 @@ def test_linear_fields_of_the_plane_are_exact_inside():
         x, y, _ = places.T
         return np.stack([1 + x - 2 * y, 0.5 * x + y, 0 * x], axis=1)
 
-    found = vectors_at(mesh, field(centers), points)
+    found = vectors_at(mesh, field(centres), points)
     np.testing.assert_allclose(found[inside], field(points.positions)[inside], atol=0.01)
 
 

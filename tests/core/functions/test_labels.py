@@ -17,7 +17,7 @@ MESH = icosphere(1)
 COUNT = len(MESH.vertices)
 KEYS = np.array([-7, 0, 3, 2**31 - 1])
 NAMES = {-7: "odd", 0: "???", 3: "pre central", 2**31 - 1: "Ärmel & <co>", 5: "nowhere"}
-COLOURS = {-7: (0.25, 0.5, 1.0, 0.0), 0: (0.0, 0.0, 0.0, 0.0), 3: (1.0, 0.125, 0.0, 1.0)}
+COLORS = {-7: (0.25, 0.5, 1.0, 0.0), 0: (0.0, 0.0, 0.0, 0.0), 3: (1.0, 0.125, 0.0, 1.0)}
 VALUES = KEYS[np.random.default_rng(2).integers(0, 4, COUNT)]
 
 
@@ -29,7 +29,7 @@ def write_gifti(path, columns, intent="NIFTI_INTENT_LABEL", names=NAMES, kind=np
     ]
     image = nibabel.gifti.GiftiImage(darrays=arrays)
     for key, name in names.items():
-        label = nibabel.gifti.GiftiLabel(key, *COLOURS.get(key, ()))
+        label = nibabel.gifti.GiftiLabel(key, *COLORS.get(key, ()))
         label.label = name
         image.labeltable.labels.append(label)
     nibabel.save(image, path)
@@ -48,7 +48,7 @@ def test_gifti_labels_have_names_and_colors(tmp_path, name):
     labels = read_labels(write_gifti(tmp_path / name, [VALUES]))
     assert_array_equal(labels.values, VALUES, strict=True)
     assert labels.names == NAMES
-    assert labels.colors == COLOURS
+    assert labels.colors == COLORS
 
 
 @given(
@@ -198,16 +198,16 @@ def test_values_are_not_labels(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "colour", ['Red="2" Green="0" Blue="0"', 'Red="x" Green="0" Blue="0"', 'Red="0"', ""]
+    "color", ['Red="2" Green="0" Blue="0"', 'Red="x" Green="0" Blue="0"', 'Red="0"', ""]
 )
-def test_invalid_label_colors_are_ignored(tmp_path, colour):
+def test_invalid_label_colors_are_ignored(tmp_path, color):
     """Early files have ``Index`` instead of ``Key``."""
     array = (
         '<DataArray Intent="NIFTI_INTENT_LABEL" DataType="NIFTI_TYPE_INT32" Encoding="ASCII" '
         'Dimensionality="1" Dim0="2"><Data>4 4</Data></DataArray>'
     )
     (tmp_path / "a.label.gii").write_text(
-        f'<GIFTI><LabelTable><Label Index="4" {colour}><![CDATA[ a&b ]]></Label></LabelTable>'
+        f'<GIFTI><LabelTable><Label Index="4" {color}><![CDATA[ a&b ]]></Label></LabelTable>'
         f"{array}</GIFTI>"
     )
     labels = read_labels(tmp_path / "a.label.gii")

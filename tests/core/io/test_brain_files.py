@@ -156,11 +156,11 @@ def test_gifti_labels_round_trip(tmp_path, name):
 keys = st.integers(-(2**31) + 1, 2**31 - 1)
 names = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=9)
 parts = st.integers(0, 255).map(lambda part: part / 255)
-colours = st.tuples(parts, parts, parts, parts)
+colors = st.tuples(parts, parts, parts, parts)
 
 
 @given(
-    table=st.dictionaries(keys, st.tuples(names, colours | st.none()), min_size=1, max_size=6),
+    table=st.dictionaries(keys, st.tuples(names, colors | st.none()), min_size=1, max_size=6),
     seed=st.integers(0, 99),
 )
 @settings(max_examples=60)
@@ -170,7 +170,7 @@ def test_any_labels_round_trip(folder, table, seed):
     labels = Labels(
         random.choice(list(table), 9),
         {key: name for key, (name, _) in table.items()},
-        {key: colour for key, (_, colour) in table.items() if colour},
+        {key: color for key, (_, color) in table.items() if color},
     )
     write_labels(folder / "a.label.gii", labels)
     found = read_labels(folder / "a.label.gii")

@@ -270,7 +270,7 @@ def test_temporary_files_can_be_removed_at_exit(tmp_path):
 
 MESH = torus(7, 5)
 RANDOM = np.random.default_rng(3)
-F, COLOURS, MAP = (RANDOM.normal(size=shape) for shape in (35, (35, 4), (35, 3)))
+F, COLORS, MAP = (RANDOM.normal(size=shape) for shape in (35, (35, 4), (35, 3)))
 AREA, VELOCITY = RANDOM.uniform(size=70), RANDOM.normal(size=(70, 3))
 
 
@@ -299,7 +299,7 @@ def columns(arrays, name, count):
 
 def test_vtu_has_all_digits(tmp_path):
     path = tmp_path / "a.b.vtu"
-    points = {"f": F, "colours": COLOURS, "map": MAP}
+    points = {"f": F, "colours": COLORS, "map": MAP}
     cells = {"area": AREA, "velocity": VELOCITY, "flipped": AREA > 0.5}
     export_vtu(path, MESH, points, cells)
     assert os.listdir(tmp_path) == ["a.b.vtu"]
@@ -314,13 +314,13 @@ def test_vtu_has_all_digits(tmp_path):
 def test_ply_has_all_digits(tmp_path):
     """Without data, the file is a simple mesh."""
     path = tmp_path / "a.ply"
-    export_ply(path, MESH, {"f": F, "colours": COLOURS}, {"area": AREA, "velocity": VELOCITY})
+    export_ply(path, MESH, {"f": F, "colours": COLORS}, {"area": AREA, "velocity": VELOCITY})
     read = trimesh.load_mesh(path, process=False)
     assert_array_equal(read.vertices, MESH.vertices)
     assert_array_equal(read.faces, MESH.faces)
     points, cells = (read.metadata["_ply_raw"][name]["data"] for name in ("vertex", "face"))
     assert_array_equal(points["f"], F)
-    assert_array_equal(columns(points, "colours", 4), COLOURS)
+    assert_array_equal(columns(points, "colours", 4), COLORS)
     assert_array_equal(cells["area"].ravel(), AREA)
     assert_array_equal(columns(cells, "velocity", 3), VELOCITY)
     export_ply(path, tetrahedron(), {}, {})

@@ -113,7 +113,7 @@ class Shown:
         w, h = share * (right - left), share * (bottom - top)
         return self.picture()[round(y - h) : round(y + h), round(x - w) : round(x + w)]
 
-    def center(self, number=0):
+    def centre(self, number=0):
         """Return the color at the center of a panel."""
         return np.median(self.surface(number, 0.02).reshape(-1, 3), axis=0)
 

@@ -77,13 +77,13 @@ def page(*panels, clock=CLOCK):
 
 def test_time_bar_interpolates_frames(open_page):
     shown = open_page(page())
-    np.testing.assert_allclose(shown.center(), color_of(0.0), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.0), atol=4)
     shown.go(Keys.END, 14.0)
-    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.4), atol=4)
     assert shown.find("#now").text == "14.00 s"
     assert shown.find("#span").text == "late"
     shown.go(Keys.ARROW_LEFT, 11.0)
-    np.testing.assert_allclose(shown.center(), color_of(1.0), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(1.0), atol=4)
     left, top, right, bottom = shown.boxes("#time")[0]
     mouse = ActionChains(shown.driver)
     mouse.w3c_actions.pointer_action.move_to_location(
@@ -92,7 +92,7 @@ def test_time_bar_interpolates_frames(open_page):
     mouse.perform()
     shown.until(lambda: abs(shown.drawn() - 12) < 0.1)
     value = np.interp(shown.drawn(), TIMES, [0.0, 1.0, 0.4])
-    np.testing.assert_allclose(shown.center(), color_of(value), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(value), atol=4)
     assert shown.log() == []
 
 
@@ -110,7 +110,7 @@ def test_playing_pauses_at_the_end_unless_looping(open_page):
     assert shown.find("#play").get_attribute("aria-label") == "Pause"
     shown.until(lambda: shown.find("#play").get_attribute("aria-label") == "Play")
     shown.until(lambda: shown.drawn() == 14)
-    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.4), atol=4)
     shown.press("l", Keys.SPACE)  # playing restarts from the end
     shown.until(lambda: shown.drawn() < 14)
     shown.press(Keys.END)
@@ -134,11 +134,11 @@ def test_panels_rotate_together_and_reset(open_page):
 def test_half_a_rotation_shows_the_other_side(open_page):
     value = np.where(BALL.vertices[:, 2] < 0, 0.2, 0.9)
     shown = open_page(page(Panel("ball", BALL, [Layer("f", value, COLORS)], FRONT)))
-    np.testing.assert_allclose(shown.center(), color_of(0.9), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.9), atol=4)
     left, top, right, bottom = shown.boxes()[0]
     shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
     shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
-    np.testing.assert_allclose(shown.center(), color_of(0.2), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.2), atol=4)
 
 
 @pytest.mark.parametrize("name", "xyz")
@@ -253,7 +253,7 @@ def test_layer_changes_colors_and_color_bar(open_page):
         "0",
         "10",
     ]
-    np.testing.assert_allclose(shown.center(), color_of(0.75, "viridis"), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.75, "viridis"), atol=4)
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_layer_changes_colors_and_color_bar(open_page):
 def test_sides_of_open_and_closed_surfaces(open_page, mesh, front):
     value = np.where(mesh.vertices[:, 2] < -1e-9, 0.2, 0.9)
     shown = open_page(page(Panel("surface", mesh, [Layer("f", value, COLORS)], front)))
-    np.testing.assert_allclose(shown.center(), color_of(0.9), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.9), atol=4)
 
 
 def test_lost_graphics_context_is_restored(open_page):
@@ -277,12 +277,12 @@ def test_lost_graphics_context_is_restored(open_page):
     shown.script(f"(window.lost = {graphics}.getExtension('WEBGL_lose_context')).loseContext()")
     shown.until(lambda: shown.script(f"{graphics}.isContextLost()"))
     shown.script("window.lost.restoreContext()")
-    shown.until(lambda: np.allclose(shown.center(), color_of(0.0), atol=4))
+    shown.until(lambda: np.allclose(shown.centre(), color_of(0.0), atol=4))
     shown.go(Keys.END, 14.0)
-    np.testing.assert_allclose(shown.center(), color_of(0.4), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.4), atol=4)
 
 
-def test_unknown_values_are_gray(open_page):
+def test_unknown_values_are_grey(open_page):
     shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.9), COLORS)], FRONT)))
     surface = shown.surface()
     ours = surface[surface.min(axis=2) < 250]
@@ -291,7 +291,7 @@ def test_unknown_values_are_gray(open_page):
 
 
 def test_known_colors_extend_to_unknown_values(open_page):
-    """There is no third color between gray and the color of the value."""
+    """There is no third colour between grey and the colour of the value."""
     shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.0), COLORS)], FRONT)))
     surface = shown.surface(across=0.6)
     hues = np.ptp(surface[surface.min(axis=2) < 250], axis=1)
@@ -439,7 +439,7 @@ def test_points_appear_and_paths_grow(open_page):
 def test_surface_hides_points_behind_it(open_page):
     paths = [Paths.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
     shown = open_page(page(Panel("ball", BALL, [LAYERS[1]], FRONT, paths)))
-    np.testing.assert_allclose(shown.center(), color_of(0.7), atol=4)
+    np.testing.assert_allclose(shown.centre(), color_of(0.7), atol=4)
 
 
 def test_page_has_no_access_to_the_network(open_page, driver, tmp_path):
@@ -460,7 +460,7 @@ def test_page_has_no_access_to_the_network(open_page, driver, tmp_path):
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         served = Shown(driver, f"http://127.0.0.1:{server.server_port}/page.html")
-        np.testing.assert_allclose(served.center(), color_of(0.0), atol=4)
+        np.testing.assert_allclose(served.centre(), color_of(0.0), atol=4)
         refused = 'fetch("/other").then(() => "answered", (error) => error.name)'
         assert served.script(refused) == "TypeError"
         server.shutdown()
@@ -505,7 +505,7 @@ def test_layout_fits_phone_and_wide_screens(open_page, size):
         assert 0 <= top < bottom <= size[1]
     assert shown.script("document.documentElement.scrollWidth") <= size[0]
     for number in range(3):
-        np.testing.assert_allclose(shown.center(number), color_of(0.7), atol=4)
+        np.testing.assert_allclose(shown.centre(number), color_of(0.7), atol=4)
 
 
 def test_static_pages_fit_a_phone(driver, tmp_path):

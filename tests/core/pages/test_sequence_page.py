@@ -137,10 +137,10 @@ def test_unknown_part_of_the_surface_is_noted(sequence):
     frames = np.where(mesh.vertices[:, 2] < -0.5, np.nan, sequence.frames[:2, :, 0])
     masked = abfm.sequence(mesh, frames, parameters=abfm.sequences.defaults(sigma=0.3))
     page = sequence_page(masked, "a bump", Labels())
-    is_gray = np.isnan(page.panels[0].layers[0].values)
+    is_grey = np.isnan(page.panels[0].layers[0].values)
     missing = ~np.isfinite(frames).all(axis=0)
     assert missing.any()
-    np.testing.assert_array_equal(is_gray, np.broadcast_to(missing, is_gray.shape))
+    np.testing.assert_array_equal(is_grey, np.broadcast_to(missing, is_grey.shape))
     notes = page.notes
     check_message(notes[1])
     share = notes[1].partition("%")[0]

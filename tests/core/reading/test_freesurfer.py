@@ -22,7 +22,7 @@ from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
 
 seeds = st.integers(0, 2**32 - 1)
-COLOURS = [(25, 5, 25, 0), (220, 20, 100, 0), (25, 100, 40, 128), (1, 2, 3, 255)]
+COLORS = [(25, 5, 25, 0), (220, 20, 100, 0), (25, 100, 40, 128), (1, 2, 3, 255)]
 NAMES = ["unknown", "precentral", "Ärmel", "?"]
 
 
@@ -39,16 +39,16 @@ def text(word):
     return packed(len(word.encode()) + 1) + word.encode() + b"\0"
 
 
-def annotation(colours, version, numbers=(0, 1, 2, 3), order=None):
+def annotation(colors, version, numbers=(0, 1, 2, 3), order=None):
     """Return an .annot file with vertices in an order, and numbers of their colours."""
-    order = range(len(colours)) if order is None else order
-    packs = [red | green << 8 | blue << 16 for red, green, blue, _ in COLOURS]
-    rows = [(k, packs[colours[k]] if colours[k] >= 0 else 0) for k in order]
-    data = packed(len(colours), *np.ravel(rows), 1)
+    order = range(len(colors)) if order is None else order
+    packs = [red | green << 8 | blue << 16 for red, green, blue, _ in COLORS]
+    rows = [(k, packs[colors[k]] if colors[k] >= 0 else 0) for k in order]
+    data = packed(len(colors), *np.ravel(rows), 1)
     data += packed(4) if version == 1 else packed(-2, max(numbers) + 1)
     data += text("colours.txt") + (b"" if version == 1 else packed(4))
-    for number, name, colour in zip(numbers, NAMES, COLOURS, strict=True):
-        data += (b"" if version == 1 else packed(number)) + text(name) + packed(*colour)
+    for number, name, color in zip(numbers, NAMES, COLORS, strict=True):
+        data += (b"" if version == 1 else packed(number)) + text(name) + packed(*color)
     return data
 
 
@@ -103,28 +103,28 @@ def test_second_line_of_a_surface_may_be_missing():
 @settings(max_examples=30)
 def test_annotations_agree_with_nibabel(folder, seed, count):
     values = np.random.default_rng(seed).integers(-1, 4, count)
-    table = np.array(COLOURS)
+    table = np.array(COLORS)
     path = folder / "lh.annot"
     freesurfer.write_annot(path, values, table, [name.encode() for name in NAMES])
     found = freesurfer_annotation(path.read_bytes())
     assert_array_equal(found.values, values, strict=True)
     assert_array_equal(found.values, freesurfer.read_annot(path)[0])
     assert [found.names[key] for key in range(4)] == NAMES
-    for key, (red, green, blue, clear) in enumerate(COLOURS):
+    for key, (red, green, blue, clear) in enumerate(COLORS):
         expected = red / 255, green / 255, blue / 255, 1 - clear / 255
         assert found.colors[key] == expected
 
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_annotations_of_both_versions_in_any_order(tmp_path, version):
-    colours = np.array([2, -1, 0, 3, 1, 1])
+    colors = np.array([2, -1, 0, 3, 1, 1])
     path = tmp_path / "lh.annot"
-    path.write_bytes(annotation(colours, version, order=[3, 1, 0, 5, 4, 2]))
+    path.write_bytes(annotation(colors, version, order=[3, 1, 0, 5, 4, 2]))
     found = freesurfer_annotation(path.read_bytes())
-    assert_array_equal(found.values, colours)
+    assert_array_equal(found.values, colors)
     assert found.names == dict(enumerate(NAMES))
     if version == 2:  # its colours have explicit numbers
-        path.write_bytes(annotation(colours, version, numbers=(7, 0, 3, 40)))
+        path.write_bytes(annotation(colors, version, numbers=(7, 0, 3, 40)))
         found = freesurfer_annotation(path.read_bytes())
         assert found.values.tolist() == [3, -1, 7, 40, 0, 0]
         assert found.names == dict(zip((7, 0, 3, 40), NAMES, strict=True))
@@ -133,7 +133,7 @@ def test_annotations_of_both_versions_in_any_order(tmp_path, version):
 def test_annotation_without_table_has_colors_as_keys():
     """Keys are numbers of red, green and blue. A table without the colours is refused."""
     content_with_table = annotation([1, 2], 2)
-    keys = [red + 256 * green + 65536 * blue for red, green, blue, _ in COLOURS[1:3]]
+    keys = [red + 256 * green + 65536 * blue for red, green, blue, _ in COLORS[1:3]]
     for data in (content_with_table[:20], content_with_table[:20] + packed(0)):
         found = freesurfer_annotation(data)
         assert (found.values.tolist(), found.names, found.colors) == (keys, {}, {})

@@ -150,7 +150,7 @@ def test_image_of_each_face_and_tints_of_corners():
     assert len(transferred.images) == 1
 
 
-def test_colours_stay_in_the_range_of_the_image():
+def test_colors_stay_in_the_range_of_the_image():
     """Texels without a face do not darken filtered colours."""
     mesh = icosphere(1)
     image = np.random.default_rng(0).integers(100, 140, (9, 11, 3)).astype(np.uint8)

@@ -16,7 +16,7 @@ KEYS = np.repeat([7, -1, 40], 4)
 RED = (1.0, 0.0, 0.0, 1.0)
 
 
-def test_vertices_have_the_colours_of_their_labels():
+def test_vertices_have_the_colors_of_their_labels():
     """Labels without a colour get one; labels without a name are grey."""
     labels = Labels(KEYS, {7: "insula", 40: "cuneus", 50: "nowhere"}, {7: RED})
     found = LabelMap.of("a.annot", BALL, labels)
@@ -42,7 +42,7 @@ def test_labels_of_the_file_are_restricted_to_the_mesh():
 
 
 @given(st.lists(st.integers(-(2**40), 2**40), min_size=12, max_size=12))
-def test_colours_of_labels_are_distinct(keys):
+def test_colors_of_labels_are_distinct(keys):
     found = LabelMap.of("a", BALL, Labels(np.array(keys)))
     colors = found.linear_colors(found.values)
     assert ((colors >= 0) & (colors <= 1)).all()

@@ -224,8 +224,8 @@ def open_values_and_vertex_maps(gui, tmp_path):
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
     keys = np.arange(len(values)) % 3
-    colours = np.array([[10, 20, 30, 0], [20, 30, 40, 0], [30, 40, 50, 0]])
-    write_annot(tmp_path / "lh.parts.annot", keys, colours, [b"top", b"middle", b"bottom"])
+    colors = np.array([[10, 20, 30, 0], [20, 30, 40, 0], [30, 40, 50, 0]])
+    write_annot(tmp_path / "lh.parts.annot", keys, colors, [b"top", b"middle", b"bottom"])
     gui.type("column", "0", within=side)
     gui.type("path", str(tmp_path / "lh.parts.annot"), within=side)
     gui.type("label", "middle", within=side)

@@ -45,7 +45,7 @@ def test_edges_are_antialiased():
     assert rim.max() <= inside.max() + 3
 
 
-def test_edge_colours_mix_with_any_background():
+def test_edge_colors_mix_with_any_background():
     pixels = sphere(160, 120, transparent=False, ground=(1.0, 0.0, 0.0))
     assert pixels.shape == (120, 160, 3)
     assert pixels[0, 0].tolist() == [255, 0, 0]

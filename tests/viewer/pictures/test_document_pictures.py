@@ -133,7 +133,7 @@ def test_error_range_is_constant_in_a_movie(document):
     assert largest[-1] < 0.5 * largest[0]
 
 
-def test_names_and_colour_bars_are_optional(document):
+def test_names_and_color_bars_are_optional(document):
     bare, names, bars = (
         drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
         for bar, labels in ((False, False), (False, True), (True, False))
@@ -158,7 +158,7 @@ def test_all_surfaces_fit_in_any_size(document, layout, size):
         assert ndimage.label(ndimage.binary_dilation(~empty))[1] == 3
 
 
-def test_dark_surfaces_have_the_colours_of_their_bars(document):
+def test_dark_surfaces_have_the_colors_of_their_bars(document):
     """Large values are dark on light backgrounds and light on dark ones; nothing is grey."""
     dark = viewed(document, theme="dark")
     light, surface = drawn(viewed(document, theme="light")), body(drawn(dark))

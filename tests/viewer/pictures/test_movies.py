@@ -68,7 +68,7 @@ def test_movie_has_all_frames_and_the_duration(suffix, count, fps, size, tmp_pat
 
 
 @pytest.mark.parametrize(("suffix", "inside", "background"), [(".mp4", 4.5, 2), (".gif", 2.5, 0)])
-def test_movie_preserves_colours(suffix, inside, background, tmp_path):
+def test_movie_preserves_colors(suffix, inside, background, tmp_path):
     original = np.stack(list(frames(31)))
     write_movie(tmp_path / f"wave{suffix}", original, 25, 31)
     difference = np.abs(decoded(tmp_path / f"wave{suffix}")[0].astype(int) - original)
@@ -77,7 +77,7 @@ def test_movie_preserves_colours(suffix, inside, background, tmp_path):
     assert difference[:, -20:, :20].max() <= background
 
 
-def test_movie_declares_its_colour_space(tmp_path):
+def test_movie_declares_its_color_space(tmp_path):
     write_movie(tmp_path / "wave.mp4", frames(3), 25, 3)
     with av.open(str(tmp_path / "wave.mp4")) as file:
         codec = file.streams.video[0].codec_context

@@ -138,7 +138,7 @@ def test_panels_are_inside_the_sheet(count, aspect, size):
             assert other.left > one.left + one.width or other.top > one.top + one.height
 
 
-def test_panels_have_frames_labels_and_a_colour_bar():
+def test_panels_have_frames_labels_and_a_color_bar():
     ones = Values(np.ones(len(X)))
     layout = sheets.grid(2, 1.0, (900, 400))
     sheet = of(Panel(SPHERE, ones, "first", "source"), Panel(SPHERE, ones, "second", "target"))
@@ -163,7 +163,7 @@ def test_panels_have_frames_labels_and_a_colour_bar():
         ("nearly", LIGHT_PALETTE.warning),
     ],
 )
-def test_label_at_tau_has_the_verdict_and_its_colour(match, kind, tone, monkeypatch):
+def test_label_at_tau_has_the_verdict_and_its_color(match, kind, tone, monkeypatch):
     """The label of a match that is not matched never begins with the word "matched"."""
     drawn = []
 
@@ -192,7 +192,7 @@ def test_panels_with_one_title_share_a_range():
 
 
 @pytest.mark.parametrize("paint", [Values, lambda values, bar: Streaks(ROTATION, values, bar)])
-def test_values_beyond_the_colours_have_a_caption(paint):
+def test_values_beyond_the_colors_have_a_caption(paint):
     wild = Y.copy()
     wild[[3, 7]] = 25_250, -0.5
     sheet = of(

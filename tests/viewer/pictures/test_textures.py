@@ -129,7 +129,7 @@ def test_transferred_texture_is_read_again(tmp_path, name):
         assert written.mode == "RGB"
 
 
-def test_materials_and_colours_are_tints(tmp_path):
+def test_materials_and_colors_are_tints(tmp_path):
     (tmp_path / "i.png").write_bytes(encoded(Image.new("RGB", (2, 2), (200, 100, 50))))
     (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd i.png\nnewmtl b\nKd 0.2 0.4 0.6\nd 0.5\n")
     lines = ["mtllib m.mtl", "vt 0 0"]

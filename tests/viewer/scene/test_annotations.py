@@ -63,7 +63,7 @@ def rect_of(one, line=16):
     if isinstance(one, Strip):
         return one.rect
     if isinstance(one, Disc):
-        (x, y), radius = one.center, one.radius
+        (x, y), radius = one.centre, one.radius
         return x - radius, y - radius, x + radius, y + radius
     return (one.left, one.top, one.left + width(one.text), one.top + line)
 

@@ -17,10 +17,10 @@ HALF = 0.004
 
 def around(duration=1.0):
     """Return a flow line of a rotation about the z axis."""
-    centers = SPHERE.vertices[SPHERE.faces].mean(axis=1)
-    face = np.argmin(np.abs(centers - [1, 0, 0]).sum(axis=1), keepdims=True)
+    centres = SPHERE.vertices[SPHERE.faces].mean(axis=1)
+    face = np.argmin(np.abs(centres - [1, 0, 0]).sum(axis=1), keepdims=True)
     start = SurfacePoints(SPHERE, face, np.full((1, 3), 1 / 3))
-    return flow_lines(SPHERE, np.cross([0, 0, 1.0], centers), start, duration)[0]
+    return flow_lines(SPHERE, np.cross([0, 0, 1.0], centres), start, duration)[0]
 
 
 def angles(places):
@@ -94,9 +94,9 @@ def test_evenly_spread_faces_are_large():
 
 def test_ribbons_face_outwards():
     """Otherwise a ribbon on the far side would be visible beyond an edge."""
-    centers = COARSE.vertices[COARSE.faces].mean(axis=1)
+    centres = COARSE.vertices[COARSE.faces].mean(axis=1)
     starts = SurfacePoints(COARSE, np.arange(0, 1280, 40), np.full((32, 3), 1 / 3))
-    lines = flow_lines(COARSE, np.cross([0, 0, 1.0], centers), starts, 0.3)
+    lines = flow_lines(COARSE, np.cross([0, 0, 1.0], centres), starts, 0.3)
     paths = [overlays.path_of_line(COARSE, line) for line in lines]
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (

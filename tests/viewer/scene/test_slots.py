@@ -182,7 +182,7 @@ def test_zoom_out_reverses_zoom_in(place, factor):
     np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
     back = nearer.zoomed("source", (0, 0), 1 / factor)
     assert back.zoom == pytest.approx(1)
-    np.testing.assert_allclose(back.target, seen.center, atol=1e-9)
+    np.testing.assert_allclose(back.target, seen.centre, atol=1e-9)
 
 
 @given(delta=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
@@ -201,7 +201,7 @@ def test_nearest_slot_is_under_the_mouse():
     assert seen.slot_at((890, 250)) == "target"
     for _ in range(50):
         seen = next_view(seen.moved((500.0, -300.0)))
-    assert np.linalg.norm(seen.target - seen.center) <= seen.radius * (1 + 1e-9)
+    assert np.linalg.norm(seen.target - seen.centre) <= seen.radius * (1 + 1e-9)
 
 
 @given(start=in_slot, end=in_slot)

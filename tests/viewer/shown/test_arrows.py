@@ -98,8 +98,8 @@ def test_places_do_not_depend_on_the_field():
 
 def test_arrows_are_only_where_the_field_is_fast():
     """A single very fast face does not change the other arrows."""
-    centers = BALL.vertices[BALL.faces].mean(axis=1)
-    local = rotation(BALL) * np.exp(-((centers[:, :1] - 1) ** 2 + centers[:, 2:] ** 2) / 0.05)
+    centres = BALL.vertices[BALL.faces].mean(axis=1)
+    local = rotation(BALL) * np.exp(-((centres[:, :1] - 1) ** 2 + centres[:, 2:] ** 2) / 0.05)
     local += 1e-3 * rotation(BALL)
     arrows = arrows_of(BALL, local, STYLE)
     assert 5 < len(arrows.spines) < 0.2 * len(arrows_of(BALL, rotation(BALL), STYLE).spines)

@@ -130,7 +130,7 @@ def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions
     session.player.toggle()
 
 
-def test_streaks_darken_colours_of_the_function(session, shown):
+def test_streaks_darken_colors_of_the_function(session, shown):
     """Without a function they are grey."""
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)

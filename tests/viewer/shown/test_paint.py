@@ -86,7 +86,7 @@ def test_finer_mesh_is_shown_on_request(session, painter):
     assert all(painter.paint(name).mesh is None for name in names)
 
 
-def test_functions_share_one_colour_range(session, painter):
+def test_functions_share_one_color_range(session, painter):
     """Zero is in the middle of the range of functions of both signs."""
     show(session, blend=True, transport=True)
     until(lambda: painter.paint("optimal transport"))
@@ -190,7 +190,7 @@ def test_error_is_that_of_the_shown_time(session, shown):
     assert f"{expected.max():.3g}" in paint.bar
 
 
-def test_coordinates_are_shown_as_colours(session, shown):
+def test_coordinates_are_shown_as_colors(session, shown):
     show(session, coloring="coordinates")
     colors = Painter(shown).paint("source").values
     assert colors.shape == SPHERE.vertices.shape
@@ -224,7 +224,7 @@ def test_speed_has_a_unit_of_the_mesh(session, painter):
 
 
 @pytest.mark.parametrize("scale", [1e40, 1e-30])
-def test_speed_colours_do_not_depend_on_mesh_size(scale):
+def test_speed_colors_do_not_depend_on_mesh_size(scale):
     mesh = TriangleMesh(scale * SPHERE.vertices, SPHERE.faces)
     velocity = np.cross([0, 0, 1.0], mesh.vertices[mesh.faces].mean(axis=1))
     field = Field(mesh, velocity, np.linalg.norm(velocity, axis=1), {})

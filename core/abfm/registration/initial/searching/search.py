@@ -269,12 +269,12 @@ def _similarity(
     # imported here, as it takes half a second to load
     from scipy.stats import wasserstein_distance
 
-    def standardised(values: FloatArray, areas: FloatArray) -> FloatArray:
+    def standardized(values: FloatArray, areas: FloatArray) -> FloatArray:
         values = values - areas @ values
         deviations = np.sqrt(areas @ values**2)
         return np.divide(values, deviations, out=np.zeros_like(values), where=deviations > 0)
 
-    columns = zip(standardised(on_a, areas_a).T, standardised(on_b, areas_b).T, strict=True)
+    columns = zip(standardized(on_a, areas_a).T, standardized(on_b, areas_b).T, strict=True)
     gaps = [wasserstein_distance(f, g, areas_a, areas_b) for f, g in columns]
     return np.asarray(np.exp(-np.array(gaps) / _DISTRIBUTION_SCALE))
 
