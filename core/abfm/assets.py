@@ -13,13 +13,7 @@ def asset_names() -> list[str]:
 
 
 def asset_path(name: str) -> Path:
-    """Return the path of an installed file, such as ``human_A.off``.
-
-    Raises
-    ------
-    MeshError
-        If there is no such file.
-    """
+    """Return the path of an installed file such as ``human_A.off``; MeshError if there is none."""
     names = asset_names()
     if name not in names:
         known = ", ".join(names) or "none"

@@ -72,10 +72,7 @@ def _loaded(path: File) -> Any:
 def task_of_file(path: File) -> type[Task] | None:
     """Return the type of task whose result a file contains; None for other archives of arrays.
 
-    Raises
-    ------
-    ResultError
-        If the file is missing or damaged.
+    ResultError if the file is missing or damaged.
     """
     names = _names(path)
     return _task(names) if "format_version" in names else None

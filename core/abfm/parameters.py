@@ -24,7 +24,7 @@ LAST_SIGMA = 0.008
 With smaller values, the residual along flow lines hardly falls further for any functions.
 """
 FIRST_SIGMA_MAX = 18.0
-"""Largest first sigma of a continuation, in the unit of the last one."""
+"""Largest first sigma of a continuation, in the same unit as the last sigma (see `sigma_unit`)."""
 REFINE_MAX = 3
 REACH_MAX = 10.0
 AREA_PRESERVING_DIVERGENCE = 10.0
@@ -48,17 +48,13 @@ PAPER: dict[str, Any] = {
 
 
 class Range(NamedTuple):
-    """The allowed numbers of a parameter, from ``low`` to ``high``.
-
-    Numbers other than 0 have to be at least `VALUE_MIN`.
-    """
+    """Allowed numbers of a parameter: 0, or from `VALUE_MIN`, within ``low`` and ``high``."""
 
     low: float
     high: float = _VALUE_MAX
     without_low: bool = False
 
     def contains(self, value: float) -> bool:
-        """Return whether a finite number lies in the range."""
         above = value > self.low if self.without_low else value >= self.low
         return above and value <= self.high and (value == 0 or value >= VALUE_MIN)
 
@@ -135,10 +131,7 @@ def is_integer(entry: Field[Any]) -> bool:
 def checked(entry: Field[Any], value: Any) -> Any:
     """Check one value of a parameter and return it as a Python number or string.
 
-    Raises
-    ------
-    ParameterError
-        If it is out of range, not a number, or not one of the choices.
+    ParameterError if it is out of range, not a number, or not one of the choices.
     """
     if value is None and entry.default is None:
         return None
@@ -210,7 +203,7 @@ class Parameters(Settings):
     """
 
     tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
-    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # rounding dominates above
+    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # above, rounding errors dominate
     beta: float = _of("beta", 0.0, "β", _FROM_0)
     divergence: float | None = _of("divergence", None, "", Range(0, ALPHA_MAX, True))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
@@ -403,7 +396,7 @@ class TableRow:
         }
 
     def matches(self, parameters: Parameters) -> bool:
-        """Return whether parameters have all values of the row."""
+        """Return whether parameters have all values that the row sets."""
         return parameters.with_values(**self.values) == parameters
 
     def parameters(self, **others: Any) -> Parameters:

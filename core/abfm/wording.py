@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-_SHARE_MIN = 1e-4  # a smaller share is written as less than this
-_LOG2_MAX = 100.0  # of factors; larger ones are shown as 2 to this power
+_SHARE_MIN = 1e-4  # smaller shares are printed as "less than 0.01%"
+_LOG2_MAX = 100.0  # larger factors are printed as 2 to this power
 
 
 def capital(text: str) -> str:
@@ -61,6 +61,6 @@ def factor(log2: float) -> str:
 def value(number: float, span: float) -> str:
     """Return a function value with three digits.
 
-    Values below 1e-6 of the span are rounding errors and are printed as 0.
+    Values below 1e-6 of ``span``, the range of the function, are rounding errors and printed as 0.
     """
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"

@@ -98,10 +98,7 @@ def attempt(item: WorkItem) -> Answer:
 
     If the folder is accessible, also write the record of the row.
 
-    Raises
-    ------
-    CancelledError
-        If the control of this thread was cancelled.
+    CancelledError if the control of this thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)

@@ -67,10 +67,7 @@ class FlowLineDerivative:
     def walk(self, x: FloatArray) -> Walk:
         """Follow N fields (N, F, 2), each for ``tau / N``.
 
-        Raises
-        ------
-        AdvectionError
-            If flow lines cross too many faces.
+        AdvectionError if flow lines cross too many faces.
         """
         faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
         tapes: list[Tape] = []

@@ -78,10 +78,7 @@ def has_label(
 ) -> BoolArray:
     """Return whether each vertex (V,) has a label of a file, which is a name or a key.
 
-    Raises
-    ------
-    FunctionError
-        If there is no such label, or the file cannot be read.
+    FunctionError if there is no such label, or the file cannot be read.
     """
     labels = read_labels(path, column, mesh, hemisphere)
     with file_errors(path):

@@ -32,11 +32,8 @@ Element = tuple[int, bytes]
 def matlab_arrays(data: bytes) -> PointData:
     """Return the numeric arrays of a file by name; each is decoded on access.
 
-    Raises
-    ------
-    ValueError
-        If the file is damaged. Access also raises it if several arrays have the name, or if the
-        array is complex.
+    ValueError if the file is damaged. Access also raises it if several arrays have the name, or if
+    the array is complex.
     """
     if not data.startswith(_SIGNATURE) or len(data) < _HEAD_BYTES:
         raise ValueError(

@@ -22,10 +22,8 @@ _COARSER_COPIES = {
 def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tuple[str, ...]]:
     """Interpolate values of sources to all vertices, (T, V); return them and notes.
 
-    Raises
-    ------
-    ValueError
-        If the sources are not vertices of the mesh, or values between them cannot be interpolated.
+    ValueError if the sources are not vertices of the mesh, or values between them cannot be
+    interpolated.
     """
     sources = np.zeros(0, dtype=np.int64) if columns.vertices is None else columns.vertices
     values = columns.table().T

@@ -355,10 +355,7 @@ def save_parts(
     ``substitutes`` replace required arrays of missing parts. A line has the name of a part and the
     reason.
 
-    Raises
-    ------
-    ResultError
-        If a required array without a substitute is missing, or the file cannot be written.
+    ResultError if a required array without a substitute is missing, or the file cannot be written.
     """
     arrays: dict[str, Any] = {}
     sizes: dict[str, int] = {}

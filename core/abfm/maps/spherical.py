@@ -39,11 +39,8 @@ _CHUNK = 8192  # points between checkpoints
 def sphere_directions(mesh: TriangleMesh) -> FloatArray:
     """Return the unit vectors (V, 3) from the centre of a spherical mesh to its vertices.
 
-    Raises
-    ------
-    AbfmError
-        If the vertices are not on a sphere, with a tolerance of 2% of its radius, or do not
-        surround its centre once.
+    AbfmError if the vertices are not on a sphere, with a tolerance of 2% of its radius, or do not
+    surround its centre once.
     """
     directions = _directions(mesh)
     if isinstance(directions, str):

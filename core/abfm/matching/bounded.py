@@ -1,4 +1,4 @@
-"""The function `limit_distortion`: a match whose map satisfies a bound of distortion."""
+"""The function `limit_distortion`: a match whose map has a bounded distortion."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from abfm.types import FloatArray
 from abfm.workers.control import Control, current_control
 from abfm.workers.progress import step
 
-_MATCHES_MAX = 3  # with a sigma between two steps; each takes about as long as the first match
-_SCALED_STEPS_MAX = 3  # steps beyond the bound whose fields are scaled down
-_SCALINGS_MAX = 6  # fields measured while scaling one step
+_MATCHES_MAX = 3  # tries of a sigma between two steps; each takes as long as the first match
+_SCALED_STEPS_MAX = 3  # number of steps beyond the bound whose fields are scaled down
+_SCALINGS_MAX = 6  # number of scale factors that are tried for one step
 _BOUND_SHARE_MIN = 0.98  # a distortion above this share of the bound is close enough
-_INTERVAL_MARGIN = 0.1  # no field is measured this close to the ends, relative to the interval
-_SIGMA_FACTOR = 3.0  # of sigma, for fields that are smoother than the first step
+_INTERVAL_MARGIN = 0.1  # least distance of the next scale factor from the ends of its interval
+_SIGMA_FACTOR = 3.0  # times the first sigma gives fields that are smoother than the first step
 
 
 class _Sigmas(NamedTuple):
@@ -123,10 +123,9 @@ class _Search:
         )
         self._path: list[PathStep] = []  # the steps within the bound
         self._distortion_at_rest = math.inf
-        self.best: Match | None = None  # the best match within the bound so far
+        self.best: Match | None = None  # within the bound
 
     def run(self) -> None:
-        """Try all candidates."""
         found, first = self._found, self._found.path[0]
         start, number = found.with_step(_scaled(first, 0.0)), -1
         self._distortion_at_rest = self._distortion(start)
@@ -152,14 +151,17 @@ class _Search:
         self._set_path()
 
     def _update(self, match: Match) -> bool:
-        """Use a match within the bound if it is the best one so far."""
+        """Update the best match if this one is within the bound and has a smaller residual."""
         is_better = self.best is None or match.worse_residual < self.best.worse_residual
         if is_better:
             self.best = match
         return is_better
 
     def _distortion(self, match: Match) -> float:
-        """Return the distortion within which 99% of the faces are; infinity if one is folded."""
+        """Return the distortion that 99% of the faces do not exceed.
+
+        Infinity if a face is folded.
+        """
         bound = self._measure(match).bound(self._max_distortion)
         return math.inf if bound.folded else bound.largest
 
@@ -181,13 +183,13 @@ class _Search:
             else:
                 high, at_high = middle, at_middle
         if low:
-            with suppress(AbfmError):  # of fields that cannot advect the source to tau
+            with suppress(AbfmError):  # raised for fields that cannot advect the source to tau
                 self._update(self._found.with_step(_scaled(beyond, low)))
 
     def _between(self, start: Match, number: int) -> None:
         """Try values of sigma between a step within the bound and the next step.
 
-        Each match starts from the field of the smoother one.
+        Each match starts from the field of the step with the larger sigma.
         """
         path = self._found.path
         low = self._sigmas(path[number]) if number >= 0 else self._sigmas(path[0]).smoother()
@@ -222,7 +224,6 @@ class _Search:
         self.best = replace(self.best, path=path, step=number)
 
     def _sigmas(self, step: PathStep) -> _Sigmas:
-        """Return both sigmas of a step of the path."""
         problem = self._found.problem
         has_landmarks = problem.landmarks is not None
         schedule = Schedule(problem.parameters, problem.functions, 1, has_landmarks)

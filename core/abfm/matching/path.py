@@ -29,7 +29,7 @@ COLUMNS = (
 )
 
 
-_REFINE_MAX = 10  # more subdivisions have too many faces for any memory
+_REFINE_MAX = 10  # after more subdivisions, a mesh exceeds any memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,9 @@ NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 
 
 def choice_text(path: Sequence[PathStep], step: int) -> str:
-    """Return a phrase about the sigma with the smallest score, and the scores of its neighbours.
+    """Return a phrase about the selected sigma: its score, and the larger ones of its neighbours.
 
-    It is empty if nothing was held out, or if another step has a smaller score.
+    It is empty if no patches were held out, or if another step has a smaller score.
     """
     scores = np.array([each.score for each in path])
     if not scores[step] <= np.nanmin(scores, initial=np.inf):
@@ -113,10 +113,11 @@ def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
 def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> dict[str, Any]:
     """Return the arrays of a path for a file, without the fields of the ``selected`` step.
 
-    They are a row of numbers for each step, and the fields of the other steps. These fields are in
-    single precision, divided by the length scale of the mesh, and concatenated along the faces. If
-    the steps have different numbers of fields, these numbers are stored as well, and all fields are
-    concatenated.
+    They are a row of numbers for each step, and the fields of the other steps. These fields are
+    divided by the length scale of the mesh, rounded to single precision, and concatenated along the
+    faces. If steps have different numbers of fields, these numbers are stored as well, and all
+    fields
+    are concatenated.
     """
     rows = np.array([[*(getattr(e, name) for name in NUMBERS), e.refined(mesh)] for e in path])
     # a step that diverged may have infinite measurements
@@ -133,7 +134,7 @@ def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> 
 
 
 def as_stored(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
-    """Return fields (N, 4^k F, 3) rounded as in files, for steps that are not the match."""
+    """Return fields (N, 4^k F, 3) with the precision that files have for unselected steps."""
     return _double(_single(velocity, mesh), mesh)
 
 

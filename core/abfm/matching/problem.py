@@ -236,9 +236,9 @@ class Problem:
         return other
 
     def with_specs(self, f: Sequence[str], g: Sequence[str]) -> Problem:
-        """Return a copy with the specs from which source and target were evaluated.
+        """Return a copy with the function specs of source and target, one for each channel.
 
-        There is one for each channel, empty for a channel without a spec.
+        The spec of a channel that was given by values is empty.
         """
         count = len(self.functions.source)
         return self._with(specs=tuple(_specs(list(given), count) for given in (f, g)))
@@ -248,9 +248,9 @@ class Problem:
         return self._with_functions(self.functions.with_mask(mask))
 
     def with_known_values(self, mask: FloatArray | None) -> Problem:
-        """Return a copy with a mask (V,) that does not change values of masked vertices.
+        """Return a copy with a mask (V,) that keeps the values of masked vertices.
 
-        The functions have to be known there.
+        The functions have to be known there. A mask of `Problem` would replace them.
         """
         term = self.functions
         return self._with_functions(term.with_values(term.mesh, term.source, term.target, mask))
@@ -483,9 +483,10 @@ def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Finer:
-    """The restriction of data terms to the midpoint subdivision of a mesh.
+    """The restriction of data terms from a mesh to its midpoint subdivision.
 
-    ``coarse`` is the subdivided mesh, because the protocol `Restriction` has this name.
+    Its attribute ``coarse`` is the finer mesh, because the protocol `Restriction` requires this
+    name.
     """
 
     mesh: TriangleMesh
@@ -560,7 +561,7 @@ def _read_only(array: FloatArray) -> FloatArray:
 def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> FloatArray:
     """Return a function (V,) on the subdivided mesh, (V + E,).
 
-    It is evaluated from its spec if this defines the same function there, else interpolated.
+    It is evaluated from its spec if the spec defines the same function there, else interpolated.
     """
     fine = refined(mesh, 1)
     if spec and _is_meaningful(spec):

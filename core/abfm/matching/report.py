@@ -17,7 +17,7 @@ from abfm.parameters import as_option
 from abfm.wording import counted, number_text, percents
 
 STEP_COLUMNS = ("step", "sigma", "residual", "flow lines", "folded", "|log2 J|", "|log2 R|")
-SCORE = "score"  # only for measured functions
+SCORE = "score"  # column of paths of measured functions
 
 
 def details(
@@ -25,7 +25,7 @@ def details(
 ) -> dict[str, Any]:
     """Return the report of a match as plain numbers and texts; None for unknown values.
 
-    Facts and verdict of a registration may replace those of the match.
+    ``facts`` and ``verdict`` of a registration may replace those of the match.
     """
     facts, energies = facts or match.facts, match.energy_history[-1].tolist()
     return {
@@ -50,7 +50,7 @@ def details(
 def lines(match: Match, facts: Facts | None = None) -> list[str]:
     """Return the report of a match as lines of text: facts, numbers and path.
 
-    Facts of a registration may replace those of the match.
+    ``facts`` of a registration may replace those of the match.
     """
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
@@ -83,8 +83,8 @@ def value_text(value: object) -> str:
 def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
     """Return the advice with command-line options: ``refine (--refine 1 --start match.npz)``.
 
-    Advice that no option expresses is returned in words. Without a result file, remedies start
-    without motion.
+    Advice that no option expresses is returned in words. Without the file ``result`` to start from,
+    the options start without motion.
     """
     found = []
     for remedy in verdict.remedies:
@@ -120,7 +120,7 @@ def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
 
 
 def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
-    """Return the cells of a step for the columns `STEP_COLUMNS`."""
+    """Return the table cells of a step for the columns `STEP_COLUMNS`."""
     residuals = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
     distortion = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
     folded, sigma = percents(step["folded"]), f"{step['sigma']:.3g}"

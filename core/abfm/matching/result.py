@@ -39,7 +39,7 @@ from abfm.types import File, FloatArray, IntArray
 from abfm.wording import counted
 
 _RESIDUAL_DIFFERENCE = 0.005
-"""Allowed difference between the stored residual and that of the field.
+"""Allowed difference between the stored residual and the residual computed from the field.
 
 It is a tenth of the usual goal. Rounding errors are 1e-6 of it."""
 _RESIDUAL_SHARE = 0.05
@@ -365,7 +365,7 @@ class Match(Display):
         """
         evidence = replace(self._evidence, energies=energies)
         found = replace(self, verdict=judge(self.problem.functions, evidence, self.parameters))
-        vars(found)["landmark_errors"] = self.landmark_errors  # as they take time
+        vars(found)["landmark_errors"] = self.landmark_errors  # slow to compute again
         return found
 
     @cached_property
@@ -435,7 +435,6 @@ class Match(Display):
 
 
 def _advected(problem: Problem, velocity: FloatArray) -> FloatArray:
-    """Return the source of a problem at tau, (V, C), advected by fields (N, F, 3)."""
     p = problem.parameters
     return Flow(problem.mesh, velocity, p.tau, p.paper.method).push(problem.source)
 
@@ -503,7 +502,7 @@ def substitutes(match: Match) -> dict[str, Any]:
 
 
 def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return attributes of a match by name, without unknown values."""
+    """Return the attributes of these names, without unknown values."""
     values = {name: getattr(match, name) for name in names}
     return {
         name: value
@@ -525,7 +524,7 @@ def load_match(path: File) -> Match:
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of the arrays of a file; any error if they are inconsistent."""
+    """Return the match of the arrays of a file; inconsistent arrays raise an error of any type."""
     problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
     segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
     if segments not in (0, len(velocity)):

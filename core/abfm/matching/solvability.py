@@ -1,7 +1,7 @@
 """Properties of functions that prevent or limit a match, and signs of a failing match.
 
-A flow neither makes new values nor splits or joins peaks, so functions that need this have no
-match. The discrete flow can do both between vertices, and its residual does not show it.
+A flow neither makes new values nor splits or joins peaks. Functions that need this have no match.
+The discrete flow can do both between vertices, and its residual does not show it.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -21,21 +21,23 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 # shares of the range of a function
 SHARE = 0.2  # least persistence of a peak that is counted
-_DIFFERENCE_SHARE = 0.1  # difference of values above which functions certainly differ
+_DIFFERENCE_SHARE = 0.1  # functions with a larger difference of values certainly differ
 _ZERO_SHARE = 0.005  # values closer to 0 are reported as 0
 _DETAIL_SHARE = 0.02  # least persistence of peaks and pits that count as detail
-# functions with more peaks and pits are measured, or as difficult to match exactly
+# functions with more peaks and pits are treated as measured, since no match is exact
 _EXTREMA_MAX = 20
-# edges per width; with fewer, advection over half of sqrt(area) has errors of several percent
+# edges per width of a feature. With fewer, advection over half of sqrt(area) has errors of
+# several percent.
 RESOLUTION_MIN = 5.0
-_VARIATION_SHARE = 0.75  # of the variation, on edges with smaller changes of the function
-# of the deviations of source and target; a vanished source has a smaller deviation. Among 18
-# matches of Gaussians, those with a final mismatch of 1 had a share below 0.01, others above 0.4
+_VARIATION_SHARE = 0.75  # quantile of the changes along edges that sets the resolution
+# a source has vanished if its standard deviation is below this share of the original one. Among 18
+# matches of Gaussians, those with a final mismatch of 1 had a share below 0.01, others above 0.4.
 _DEVIATION_SHARE = 0.2
-# of the difference of source and target; moving sources change by 0.4 within five iterations
+# a source that changed by a smaller share of its difference from the target stood still. Sources
+# that move change by 0.4 within five iterations.
 _STILL_SHARE = 0.1
-_ROUNDING_SHARE = 1e-12  # of the largest value; functions with a smaller range have no peaks
-_CONSTANT_SHARE = 1e-9  # of the largest value; functions with a smaller range are constant
+_ROUNDING_SHARE = 1e-12  # functions with a smaller range, relative to their size, have no peaks
+_CONSTANT_SHARE = 1e-9  # functions with a smaller range, relative to their size, are constant
 
 
 def within_range(functions: FunctionTerm) -> FloatArray:
@@ -54,10 +56,10 @@ def range_bound(functions: FunctionTerm) -> float:
 
 
 def value_gap(functions: FunctionTerm) -> float:
-    """Return the larger residual of the values that only one of the functions has.
+    """Return the residual caused by values that only one of the functions has.
 
-    It is the same for the match from g to f. Values that only the source has cannot vanish along a
-    flow either, although their area can become small.
+    It is the larger one of both functions, so it is the same for the match from g to f. Values that
+    only the source has cannot vanish along a flow either, although their area can become small.
     """
     return max(range_bound(functions), range_bound(functions.reversed()))
 
@@ -116,7 +118,7 @@ def vanished(functions: FunctionTerm, advected: FloatArray) -> bool:
 
 
 def hardly_moved(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Return whether the flow hardly moved the source, but the target is elsewhere."""
+    """Return whether the flow hardly moved the source, although source and target differ."""
     difference = functions.norm(functions.source - functions.target)
     return functions.norm(advected - functions.source) < _STILL_SHARE * difference
 
@@ -219,11 +221,13 @@ def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def is_measured(functions: FunctionTerm) -> bool:
-    """Return whether functions have so much detail that they are treated as measured ones.
+    """Return whether functions have so much detail that they are treated as measured.
 
     Measured functions match only approximately. They have more than 20 peaks and pits, in source or
-    target and in any channel, with a persistence above 2% of the range. Noise of a tenth of a
-    standard deviation also causes such peaks. Functions declared as approximate are treated alike.
+    target and in any channel, with a persistence above 2% of the range. Noise whose standard
+    deviation
+    is a tenth of the function's also causes such peaks. Functions that the user declares as
+    approximate are treated alike.
     """
     if functions.approximate and not functions.is_constant:
         return True
@@ -247,8 +251,8 @@ def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Diff
     range. Value and pass of a counterpart differ by at most 0.1 of that range. For every flow, the
     advected source then differs from the target by at least 0.1 of the range somewhere.
 
-    The result is the number of peaks and pits with a persistence above 0.2 of the range. If these
-    numbers are equal, it is a description of the peaks or pits without a counterpart.
+    The result has the numbers of peaks and pits with a persistence above 0.2 of the range. If these
+    numbers are equal, it describes the peaks or pits without a counterpart.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
     counts = tuple(_count(_both(mesh, values), SHARE * scale) for values in (f, g))
@@ -316,7 +320,7 @@ def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Dif
 
 
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """Return the first channel with features that no flow changes, and the features of both sides.
+    """Return the first channel with features that no flow can match, and these features of f and g.
 
     None if neither `extrema_difference` nor `boundary_difference` finds any, or if a vertex is
     masked, since the mask may hide the difference.
@@ -343,8 +347,8 @@ def _count(persistences: tuple[FloatArray, FloatArray], least: float) -> Extrema
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
     """Return the rank at which the peak of each rank meets a higher peak, (V,).
 
-    Rank 0 is the highest vertex. Vertices that are not peaks have their own rank, and the highest
-    peak has the last one.
+    Vertices are ranked from the highest (rank 0). A vertex that is not a peak has its own rank, and
+    the highest peak has the last rank.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)

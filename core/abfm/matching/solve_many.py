@@ -24,7 +24,7 @@ from abfm.workers.executor import completed, in_order
 from abfm.workers.messages import Parcel, pack
 
 _CHECK_SECONDS = 0.1  # between two checks whether a match is still needed
-_MESHES_CACHED_MAX = 2  # in each process, with operators
+_MESHES_CACHED_MAX = 2  # meshes with their operators in each process
 
 
 def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Match]:
@@ -101,7 +101,7 @@ class _Task(NamedTuple):
 
 
 def _disk(folder: Path) -> tuple[str, int, int]:
-    """Return an identity of the disk of a temporary folder, also after the folder is deleted.
+    """Return an identity of the disk of a temporary folder; it outlasts the folder.
 
     It is the name of the machine, with device and inode of the parent folder. Machines with equal
     disks have different names, and containers with equal names have different disks.
@@ -120,7 +120,7 @@ def _mesh(content: bytes) -> TriangleMesh:
 
 
 def _solve(task: _Task) -> Parcel:
-    """Solve a problem and return its match without meshes."""
+    """Solve a problem in a worker and return its match without meshes."""
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()

@@ -68,12 +68,9 @@ MAX_DISTORTION = number_input(
 
 
 def facts_of_file(path: Path) -> Facts:
-    """Return the facts stored in the file of a match or a registration.
+    """Return the facts in the file of a match or a registration.
 
-    Raises
-    ------
-    ResultError
-        If the file is missing or damaged, or has values that no match can have.
+    ResultError if the file is missing or damaged, or has values that no match can have.
     """
     entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.REMEDY) as archive:
@@ -100,7 +97,7 @@ def facts_of_file(path: Path) -> Facts:
 
 
 def preview(path: Path) -> Preview:
-    """Return a preview with the first channel of a match, or of the match on B."""
+    """Return a preview of the first channel; of a registration, it shows the match on surface B."""
     names = ("source", "advected", "target")
     return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
 
@@ -209,7 +206,7 @@ class MatchTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Raise ParameterError for missing functions or inconsistent parameters."""
+        """Raise ParameterError if functions are missing or parameters are inconsistent."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0]:
             raise ParameterError("source and target are missing; give one spec for each")
@@ -235,7 +232,7 @@ class MatchTask(Task):
 
     @property
     def digest(self) -> str:
-        """Hash that names the result: of the problem and, if given, the bound of distortion."""
+        """Hash that names the result; it depends on the problem and any bound of distortion."""
         if self.max_distortion is None:
             return self.problem.digest
         named = f"{self.problem.digest} max-distortion {self.max_distortion!r}"
@@ -277,7 +274,7 @@ class ProblemTask(MatchTask):
 
 
 def _start(path: str | None, faces: IntArray, parameters: Parameters) -> FloatArray | None:
-    """Return the field of an earlier result on the same faces, if there is one."""
+    """Return the field of an earlier result with the same faces; None without a path."""
     if path is None:
         return None
     earlier = load_match(path)

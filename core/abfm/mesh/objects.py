@@ -44,10 +44,7 @@ def has(source: Any, *names: str) -> bool:
 def contents_of(source: Any, hemisphere: str = "") -> FileContents:
     """Return the vertices and faces of an object, in its order.
 
-    Raises
-    ------
-    ValueError
-        If the type of the object is not accepted, or its arrays do not make a mesh.
+    ValueError if the type of the object is not accepted, or its arrays do not make a mesh.
     """
     if isinstance(source, tuple | list):
         if len(source) != 2:
@@ -79,10 +76,7 @@ def parts_of(source: Any) -> Mapping[str, Any] | None:
 def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
     """Return the part of a nilearn object for a hemisphere, or its only part.
 
-    Raises
-    ------
-    ValueError
-        If the part is missing, or if there are several parts and none is chosen.
+    ValueError if the part is missing, or if there are several parts and none is chosen.
     """
     found = dict(parts)
     if not hemisphere and len(found) == 1:

@@ -55,10 +55,7 @@ class MeshOptions:
     The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
     its value (empty for a flag). The function ``read`` converts text to its value.
 
-    Raises
-    ------
-    ParameterError
-        If the distance is not a positive number, or the hemisphere is neither L nor R.
+    ParameterError if the distance is not a positive number, or the hemisphere is neither L nor R.
     """
 
     merge: bool | float | None = _option(

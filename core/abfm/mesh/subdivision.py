@@ -17,10 +17,7 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     0, 1, 2) lies at corner c of f, which is also its corner c. Face ``4 f + 3`` is the middle one.
     Its corner c lies opposite the corner c of f.
 
-    Raises
-    ------
-    MeshError
-        If new faces have no area.
+    MeshError if new faces have no area.
     """
     middles = mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)

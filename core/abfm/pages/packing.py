@@ -25,10 +25,7 @@ _COORDINATE_LEVELS = 65535  # steps along each side of the bounding box
 
 @dataclass(frozen=True, eq=False)
 class Quantized:
-    """Values as integers: ``minimum + step * numbers``, within half a step.
-
-    NaN is `NO_VALUE`.
-    """
+    """Values as integers: ``minimum + step * numbers``, within half a step. NaN is `NO_VALUE`."""
 
     numbers: NDArray[np.uint16]
     minimum: float

@@ -113,10 +113,7 @@ class Columns:
         If rows have vertex numbers, other vertices get NaN. Otherwise the axis of the vertices is
         the first one whose size is the number of vertices of the mesh or its file.
 
-        Raises
-        ------
-        ValueError
-            If the values do not fit the mesh.
+        ValueError if the values do not fit the mesh.
         """
         found = self.by_vertex()
         if found.vertices is not None:
@@ -211,10 +208,7 @@ class Columns:
     def number_of(self, column: str | None) -> int:
         """Return the index of a column by its name or number; None chooses the only column.
 
-        Raises
-        ------
-        ValueError
-            If there is no such column, or if several have the name.
+        ValueError if there is no such column, or if several have the name.
         """
         count = math.prod(self.values.shape[1:])
         numbers = self.numbers or tuple(map(str, range(count)))

@@ -39,10 +39,7 @@ def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
     Coordinates are FreeSurfer's surface RAS, as in the file and in nibabel. The centre of the
     volume (``cras``), which may follow the triangles, is not added.
 
-    Raises
-    ------
-    ValueError
-        If the file is not a surface, or is cut off.
+    ValueError if the file is not a surface, or is cut off.
     """
     if data[:3] != _SURFACE:
         raise ValueError("the file is not a FreeSurfer surface of triangles")
@@ -66,10 +63,7 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
     Vertex numbers have three bytes. Coordinates are integers in units of 0.01, or, in the newer
     version, floats.
 
-    Raises
-    ------
-    ValueError
-        If the file is cut off.
+    ValueError if the file is cut off.
     """
     reader = _BytesReader(data, len(_QUADRANGLES))
     vertex_count, quad_count = reader.threes(2, "counts")
@@ -82,10 +76,7 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
 def freesurfer_values(data: bytes) -> FloatArray:
     """Read the values at vertices, (n,), of a file such as ``lh.sulc``, in the new or old format.
 
-    Raises
-    ------
-    ValueError
-        If the file is not a file of values, or its size is wrong.
+    ValueError if the file is not a file of values, or its size is wrong.
     """
     if data[:3] != _VALUES:  # old format: counts of 3 bytes, and integers in units of 0.01
         count = int.from_bytes(data[:3], "big")

@@ -83,10 +83,7 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
     For security, it must be in the folder of the referring file or below. A downloaded file must
     not choose which files of this computer are read. Symbolic links in the folder are followed.
 
-    Raises
-    ------
-    ValueError
-        If the name leads out of that folder.
+    ValueError if the name leads out of that folder.
     """
     folder = os.path.abspath(os.path.dirname(os.path.expanduser(os.fspath(file))))
     path = os.path.abspath(os.path.join(folder, name))
@@ -101,11 +98,8 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 def inflated(data: bytes, size_max: int | None = None) -> bytes:
     """Decompress data of gzip or zlib.
 
-    Raises
-    ------
-    ValueError
-        If the data are damaged or cut off, or have more than ``size_max`` bytes. The default is
-        `inflated_size_max`.
+    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes. The default
+    is `inflated_size_max`.
     """
     bound = inflated_size_max(len(data)) if size_max is None else size_max
     try:
@@ -161,10 +155,7 @@ def from_json(text: str | bytes) -> Any:
 def array_from(data: bytes) -> NDArray[Any]:
     """Return the array of numbers, booleans or texts of a .npy file.
 
-    Raises
-    ------
-    ValueError
-        If the array has another type, or its size is not that of the data.
+    ValueError if the array has another type, or its size is not that of the data.
     """
     start, shape, is_fortran, dtype = _header(data, len(data))
     array = np.frombuffer(data, dtype, math.prod(shape), start)

@@ -88,11 +88,8 @@ def _cells(text: str, separator: str | None, comments: str | None) -> Iterator[l
 def parse_number(text: str, decimal_comma: bool = False) -> float:
     """Return the number in a cell, which may have a decimal comma.
 
-    Raises
-    ------
-    ValueError
-        If the cell is not a number. Also if its comma may separate thousands, unless
-        ``decimal_comma`` is True.
+    ValueError if the cell is not a number. Also if its comma may separate thousands, unless
+    ``decimal_comma`` is True.
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
         raise ValueError(

@@ -33,7 +33,7 @@ _ROUNDING = 1e-9  # distance in sqrt(area) below which positions are equal
 class Candidate(NamedTuple):
     """A candidate for the initial map."""
 
-    name: str  # of the method, see `abfm.registration.initial.methods`
+    name: str  # name of the method, see `abfm.registration.initial.methods`
     cost: float  # NaN if there was no other candidate to compare with
 
 

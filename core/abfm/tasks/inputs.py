@@ -217,10 +217,7 @@ def _circular(text: str) -> bool | float:
 def read_function(text: str) -> str:
     """Return the specification of a function from a specification or a file name.
 
-    Raises
-    ------
-    FunctionError
-        If the text is neither a specification nor the name of a file.
+    FunctionError if the text is neither a specification nor the name of a file.
     """
     try:
         parse(text)
@@ -371,10 +368,7 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
 def channels(values: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:
     """Return sources, targets and weights, (C,) each.
 
-    Raises
-    ------
-    ParameterError
-        If only one of source and target is given.
+    ParameterError if only one of source and target is given.
     """
     if ("source" in values) != ("target" in values):
         raise ParameterError("source and target must be given together")

@@ -29,10 +29,7 @@ def preview_of(
 ) -> Preview:
     """Read the surface of a file, and functions computed from its arrays.
 
-    Raises
-    ------
-    ResultError
-        If the file is missing or damaged.
+    ResultError if the file is missing or damaged.
     """
     arrays = results.load_arrays(path, file)
     try:

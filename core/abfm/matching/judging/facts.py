@@ -44,7 +44,7 @@ class Report:
     is_of_landmarks: bool
     log2_area_95: float = math.nan
     load_warning: str = ""
-    choice: str = ""  # on the choice of sigma, see `abfm.matching.path.choice_text`
+    choice: str = ""  # the choice of sigma in words, see `abfm.matching.path.choice_text`
 
     def facts(self) -> Facts:
         """Return the facts of the match."""
@@ -165,7 +165,7 @@ class Report:
 def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
     """Return the headline of an outcome, such as ``nearly matched (residual 8%)``.
 
-    It has the residual if the outcome is good and follows from the size of the residual.
+    The residual is omitted if the outcome is bad or does not follow from the size of the residual.
     """
     phrase = "nearly matched" if outcome is Outcome.NEARLY else str(outcome)
     by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
@@ -179,7 +179,7 @@ def _residual(residual: float) -> str:
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...]:
     """Return the warning of a good result whose map changes areas strongly; empty if there is none.
 
-    It depends on the 95th percentile of ``|log2 J|``.
+    ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
     """
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return ()

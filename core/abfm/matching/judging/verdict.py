@@ -19,15 +19,15 @@ from abfm.types import FloatArray
 from abfm.wording import counted, factor, share
 
 RESIDUAL_REGISTERED = 0.95
-"""Largest residual of registered functions; functions with nothing in common have 1."""
+"""Largest residual with the verdict "registered". Unrelated functions have a residual of 1."""
 SHARE_REGISTERED = 0.8
-"""Largest residual of registered functions, relative to the residual without motion.
+"""Largest residual with the verdict "registered", relative to the residual without motion.
 
 For two surfaces, the residual without motion is that of the initial map."""
 _LOG2_AREA_MAX = 100.0  # larger changes of area are not reported
-# with a larger share of folded faces a map is unreliable; an exact flow folds none
+# a map with a larger share of folded faces is unreliable; an exact flow folds no face
 FOLDED_SHARE_MAX = 0.1
-# an energy still falls if it fell by this share within these iterations
+# an energy that fell by this share within this number of iterations is still falling
 _FALL_SHARE = 0.01
 _FALL_ITERATIONS = 10
 _LIMIT_REASONS = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
@@ -101,7 +101,7 @@ class Verdict:
 
 
 def sentence_of_bound(bound: Bound) -> str:
-    """Return the sentence about a map that satisfies a bound of distortion."""
+    """Return the sentence about a map whose distortion is limited by a bound."""
     return sentence_of(Cause.DISTORTION_LIMITED, **_bound_details(bound))
 
 
@@ -115,12 +115,12 @@ class Evidence:
     """The measurements from which `judge` decides the verdict."""
 
     advected: FloatArray  # the source at tau, (C, V)
-    residual: float  # of the discrete flow
+    residual: float  # residual of the discrete flow
     stop_reason: StopReason
     verified: float = math.nan  # residual along flow lines; NaN if unknown
     # share of folded faces in the map of the flow, 0 to 1; NaN if unknown
     folded: float = math.nan
-    # of the iterates of the last stage, (n,); None is treated as still falling
+    # energies of the iterates of the last stage, (n,); None counts as still falling
     energies: FloatArray | None = None
     log2_area: float = math.nan  # mean ``|log2 J|`` of the map; NaN if unknown
     refined: int = 0  # number of subdivisions of the mesh
@@ -178,7 +178,6 @@ class _Case:
 
     @property
     def has_improved(self) -> bool:
-        """Whether the residual is small enough for registered functions."""
         worse = worse_residual(self.evidence.residual, self.evidence.verified)
         return is_registered(worse, self.initial_of_functions)
 
@@ -191,7 +190,7 @@ class _Case:
         return solvability.squeezed(self.functions, self.evidence.advected)
 
     def impossible(self) -> Verdict | None:
-        """Decide functions that no flow can match, unless they agreed from the start."""
+        """Return the verdict of functions that no flow can match, unless they already agree."""
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
@@ -201,7 +200,7 @@ class _Case:
         return self._verdict(found.outcome, found.cause, **found.details)
 
     def of_landmarks(self) -> Verdict | None:
-        """Decide matches whose landmarks miss their targets by more than the goal allows."""
+        """Return the verdict if the landmarks miss their targets by more than the goal allows."""
         if self.evidence.landmarks is None:
             return None
         goal, errors = self.parameters.goal, self.evidence.landmarks[1]
@@ -222,7 +221,7 @@ class _Case:
         )
 
     def registered(self) -> Verdict | None:
-        """Decide measured functions that match as closely as the data support."""
+        """Return the verdict of measured functions that match as closely as the data support."""
         evidence = self.evidence
         is_sound = self.is_verified and self.has_improved and not evidence.folded > FOLDED_SHARE_MAX
         if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_interrupted:
@@ -233,7 +232,7 @@ class _Case:
         return self._verdict(Outcome.REGISTERED, Cause.LIMIT_OF_DATA if is_chosen else Cause.NONE)
 
     def unconfirmed(self) -> Verdict | None:
-        """Decide small residuals of the discrete flow that flow lines do not confirm."""
+        """Return the verdict if flow lines do not confirm a small residual of the discrete flow."""
         folded = self.evidence.folded
         if self.residual > RESIDUAL_NEARLY:
             return None
@@ -249,7 +248,7 @@ class _Case:
         return None
 
     def by_size(self) -> Verdict | None:
-        """Decide matched and nearly matched functions by the residual."""
+        """Return the verdict of a residual small enough for matched or nearly matched functions."""
         if self.outcome is Outcome.NOT_REACHED:
             return None
         if self.outcome is Outcome.MATCHED:
@@ -276,7 +275,7 @@ class _Case:
         return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.smaller_sigma())
 
     def not_reached(self) -> Verdict:
-        """Decide all other matches by the cause of the large residual."""
+        """Return the verdict of all other matches, with the cause of the large residual."""
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
@@ -399,7 +398,10 @@ class _Case:
         )
 
     def _is_cut_short(self) -> bool:
-        """Return whether the run ended while the energy still fell without squeezing the source."""
+        """Return whether the run ended early while the energy still fell.
+
+        It is False if the flow squeezed the source instead of moving it.
+        """
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
             return False

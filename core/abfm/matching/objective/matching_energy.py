@@ -37,17 +37,17 @@ class Evaluation:
     """The value of an objective at some fields, with its terms and its gradient."""
 
     x: FloatArray  # frame coefficients (N, F, 2) of the fields
-    energy: float  # total; infinite if the flow overflows
+    energy: float  # the sum of all terms; infinite if the flow overflows
     regularity: float
     term_energies: tuple[float, ...]  # energy of each data term
     advected: FloatArray  # the sources of all data terms at tau, (C, V)
-    differentiate: Callable[[], FloatArray]  # slower after the next evaluation
-    # (L,), see `Landmarks`; None without landmarks, or if the flow overflows
+    differentiate: Callable[[], FloatArray]  # the gradient; slower after the next evaluation
+    # errors of landmarks, (L,); None without landmarks, or if the flow overflows
     landmark_errors: FloatArray | None = None
 
     @property
     def mismatch(self) -> float:
-        """The energy of all data terms."""
+        """The energy of all data terms (without the regularity)."""
         return float(sum(self.term_energies))
 
     @cached_property
@@ -110,7 +110,7 @@ class Bracket:
     def _sources(
         self, flow: ExponentialFlow, f: FloatArray, dt: float, mu: FloatArray
     ) -> FloatArray:
-        """Return the sum over r of one channel, applied to ``mu`` (V,), as (2F,)."""
+        """Return the sum over r in the formula, for one channel and ``mu`` (V,), as (2F,)."""
         states = [f]
         for _ in range(self.substeps - 1):
             checkpoint()
@@ -125,7 +125,7 @@ class Bracket:
         return total
 
     def _integral(self, v: FloatArray, sources: FloatArray, dt: float) -> FloatArray:
-        """Return the derivative by ``v`` (F, 2) of the summed sources, with k intervals in time."""
+        """Return the derivative by ``v`` (F, 2), by integrating the sums over k intervals."""
         bracket = Matrix(lie_bracket(self.mesh, v).T.tocsr())
         total = term = sources
         for _ in range(self.quadrature):
@@ -139,8 +139,8 @@ class Bracket:
 class Objective:
     """The function to minimise: ``step/2 sum_j v_j^T R v_j`` plus data terms (Eq. 6).
 
-    The data terms compare the advected functions with targets, and the ends of landmarks with
-    their target points.
+    The data terms measure how far the advected functions are from the targets, and the advected
+    landmarks from their target points.
     """
 
     regularity: Regularizer  # ``R``
@@ -151,13 +151,13 @@ class Objective:
     tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
     shift: FloatArray | float = 0.0  # subtracted from the advected functions
-    # at frame coefficients (N, F, 2)
+    # the landmark term at frame coefficients (N, F, 2)
     landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None
     is_of_landmarks: bool = False  # whether only landmarks are matched
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         """Evaluate the objective at frame coefficients (N, F, 2)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of unstable flows
+        with np.errstate(over="ignore", invalid="ignore"):  # unstable flows overflow
             momentum = self.tau / len(x) * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
@@ -275,13 +275,15 @@ class MatchingEnergy:
         shift: FloatArray | float = 0.0,
         tolerance: float = TOLERANCE,
     ) -> Objective:
-        """Return the objective with a sigma.
+        """Return the objective to minimise for one value of sigma.
 
         Parameters
         ----------
         sigma : float
         reach : float
-            Reach of the norm of the data terms.
+            Distance over which the data terms compare functions, as a fraction of sqrt(area). 0
+            compares
+            them point by point, as in the paper.
         alpha : float, optional
             Replaces alpha of the parameters.
         shift : (C, V) array, optional
@@ -319,9 +321,9 @@ class MatchingEnergy:
         return energy
 
     def regularizer(self, alpha: float | None = None) -> Regularizer:
-        """Return the norm of fields with an alpha.
+        """Return the norm of fields for a value of alpha, by default that of the parameters.
 
-        The norms of alpha of the parameters and of one other value are cached.
+        The norms for the default and for one other value are cached.
         """
         known, usual = self._regularizers, self.parameters.alpha
         alpha = usual if alpha is None else alpha
@@ -333,7 +335,7 @@ class MatchingEnergy:
         return known[alpha]
 
     def measure(self, reach: float) -> Sum:
-        """Return the norm of the data terms; early stages have a reach."""
+        """Return the norm that compares functions over a distance ``reach`` (0: point by point)."""
         if reach not in self._measures:
             self._measures[reach] = self.terms.measure(self.parameters, reach)
         return self._measures[reach]
@@ -345,18 +347,21 @@ class MatchingEnergy:
     def landmark_misfit(self, sigma: float) -> Callable[[FloatArray], LandmarkMisfit] | None:
         """Return the landmark term as a function of frame coefficients (N, F, 2).
 
-        ``sigma`` is that of the landmarks. None without landmarks.
+        ``sigma`` is the tolerance of the landmarks. None if the problem has no landmarks.
         """
         if self.landmarks is None:
             return None
         return partial(self.landmarks.misfit, tau=self.parameters.tau, sigma=sigma)
 
     def residual_at(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
-        """Return the larger residual of functions and landmarks at an evaluation."""
+        """Return the residual at an evaluation: the larger one of functions and landmarks."""
         return self._worse_residual(point.advected - shift, point.landmark_errors)
 
     def residual_of(self, x: FloatArray, advected: FloatArray) -> float:
-        """Return the larger residual of fields (N, F, 2) with these advected functions (C, V)."""
+        """Return the residual of fields (N, F, 2): the larger one of functions and landmarks.
+
+        ``advected`` are the sources (C, V) advected by these fields.
+        """
         return self._worse_residual(advected, self.landmark_errors(x))
 
     def landmark_errors(self, x: FloatArray) -> FloatArray | None:

@@ -31,7 +31,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 # vertex functions are rotated by a right angle, so that both kinds are orthogonal.
 Slopes = tuple[FloatArray, IndexArray, IndexArray]
 
-# least ratio of mass to stiffness of an edge or a vertex, for a definite factorisation
+# least ratio of mass to stiffness of an edge or a vertex that keeps the matrix definite
 _MASS_SHARE_MIN = 1e-13
 
 
@@ -62,7 +62,7 @@ class Regularizer:
         self._factors: list[Solve] = []  # shared by all orders
 
     def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:
-        """Return the masses, raised where rounding errors of the stiffness would exceed them."""
+        """Return the masses, raised to the size of rounding errors of the stiffness."""
         of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
         weights = alpha * self._areas[:, None] * of_corners
         diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
@@ -136,7 +136,7 @@ class Regularizer:
 def regularizer(
     mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
 ) -> Regularizer:
-    """Return the norm of a mesh; the latest one is cached, so only new weights factor again."""
+    """Return the norm of a mesh; the latest norm of each mesh is cached."""
     latest: Regularizer | None = mesh.cache.get("regularizer")
     if latest is None or (latest.alpha, latest.divergence) != (alpha, divergence):
         latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order, divergence)

@@ -64,13 +64,13 @@ class Phase(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Values of sigma that are minimised consecutively on one level."""
+    """Values of sigma that are minimised one after the other on one level."""
 
     level: int
     sigmas: tuple[float, ...]  # remaining values
-    at: FloatArray | Evaluation | None = None  # fields (N, F, 2); None for those of the origin
+    at: FloatArray | Evaluation | None = None  # first fields (N, F, 2), by default the origin's
     origin: StepResult | None = None  # step of a coarser level, with the score of the results
-    reach: float = 0.0  # of the next stage; 0 once the target is found
+    reach: float = 0.0  # reach of the next stage; 0 once the target is found
     held_out: HeldOut | None = None
     after: tuple[StepResult, ...] = ()  # steps that follow in the path
 
@@ -84,10 +84,10 @@ class State:
     record: Record
     # results without an iteration: fields (N, F, 2) and advected functions (C, V)
     at_rest: tuple[tuple[FloatArray, FloatArray], ...]
-    variants: tuple[Variant, ...]  # of the search, in order
+    variants: tuple[Variant, ...]  # the variants that the search tries, in this order
     variant: Variant
     phase: Phase
-    start: FloatArray  # (N, F, 2), of the search
+    start: FloatArray  # fields (N, F, 2) at which the search begins
     sweep: Sweep | None = None
     path: tuple[StepResult, ...] = ()
     tried: tuple[tuple[StepResult, ...], ...] = ()  # paths of the variants so far
@@ -96,12 +96,10 @@ class State:
 
     @property
     def energy(self) -> MatchingEnergy:
-        """The energy on the mesh itself."""
         return self.levels[self.levels.mesh_level].energy
 
     @property
     def goal(self) -> float:
-        """The residual that counts as matched."""
         return self.levels.attainable(self.energy.parameters.goal)
 
 
@@ -127,13 +125,16 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
         if not record.history or record.is_calling:
             raise
         reason = StopReason.OUT_OF_MEMORY
-    # outside of the handlers, so that memory of the interrupted step is free
+    # after the exception handlers, so that the memory of the interrupted step is free
     with controlled(Control()):  # finish also if cancelled
         return finish(state, reason)
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state: from the start of the problem if it is usable, else a search."""
+    """Return the first state.
+
+    It begins at the start of the problem if this is usable, else searches.
+    """
     p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
     at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
@@ -144,7 +145,7 @@ def init(energy: MatchingEnergy, record: Record) -> State:
         finer = start_on_finer(energy, levels)
         is_missed = finer is None and misses_target(energy, *at_rest[-1])
     if schedule.is_measured and p.solver.iterations:
-        # the start was fitted to the held-out values
+        # not from the start, which was fitted to the held-out values
         start, finer, is_missed = None, None, True
     sweep: Sweep | None = None
     variants: tuple[Variant, ...] = (variant,)
@@ -179,7 +180,6 @@ def _schedule(levels: Levels) -> Schedule:
 
 
 def terminate(state: State) -> bool:
-    """Return whether the continuation has ended."""
     return state.phase is Phase.DONE
 
 
@@ -191,7 +191,7 @@ def step(state: State) -> State:
 
 
 def _minimised(state: State, sweep: Sweep) -> State:
-    """Minimise the next sigma of a sweep, and add the result to the path."""
+    """Minimise the next sigma of a sweep and append the result to the path."""
     schedule, levels, record = state.schedule, state.levels, state.record
     sigma, is_search = sweep.sigmas[0], state.phase is Phase.SEARCH
     if is_search:
@@ -237,11 +237,11 @@ def _ended(state: State, sweep: Sweep) -> State:
 
 
 def _corrected(state: State, level: int) -> State:
-    """Apply a defect correction [Stetter 1978] to the best step, if the larger residual falls.
+    """Apply a defect correction [Stetter 1978] to the best step if the larger residual falls.
 
-    A descent minimises the mismatch of the discrete flow only. The correction replaces the advected
-    functions by the mean of the discrete flow and of flow lines. The difference is constant during
-    the descent.
+    A descent minimises the mismatch of the discrete flow only. The correction shifts the advected
+    functions to the mean of the discrete flow and of flow lines. The shift is constant during the
+    descent.
     """
     there = [i for i, result in enumerate(state.path) if result.stage.level == level]
     if not state.schedule.is_free or not there:
@@ -306,7 +306,7 @@ def _is_over(state: State) -> bool:
 
 
 def _gains(state: State) -> bool:
-    """Return whether to continue: the last step improved on the one before on its mesh."""
+    """Return whether the last step improved on the one before on the same mesh."""
     if state.schedule.has_given_end or len(state.path) < 2:
         return True
     before, last = state.path[-2:]
@@ -342,7 +342,7 @@ def _value(state: State, path: Sequence[StepResult]) -> float:
 
 
 def _finest(state: State) -> list[int]:
-    """Return the indices of steps on the finest mesh so far, at least the mesh itself."""
+    """Return the indices of the steps on the finest mesh so far, at least the mesh itself."""
     finest = max((result.stage.level for result in state.path), default=0)
     least = state.levels.cheapest(max(finest, state.levels.mesh_level))
     return [i for i, result in enumerate(state.path) if result.stage.level >= least]
@@ -355,7 +355,7 @@ def _end(state: State) -> int:
 
 
 def _search(state: State) -> State:
-    """Plan the next variant; select the best one if all are tried or the last one suffices."""
+    """Plan the next variant; if all were tried or the last one suffices, select the best one."""
     schedule, number, reach = state.schedule, len(state.tried), state.schedule.first_reach
     is_enough = False
     if state.tried:
@@ -404,7 +404,7 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan the best and later steps on the mesh, with clusters if these are cheaper."""
+    """Plan the best step and later ones on the mesh itself, with clusters if these are cheaper."""
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
         return state
@@ -415,7 +415,7 @@ def _prolongation(state: State) -> State:
 
 
 def _exact(state: State) -> State:
-    """Plan the result on the mesh without clusters, if clusters affect it."""
+    """Plan the result on the mesh itself without clusters, if clusters changed it."""
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
     last = len(state.levels) - 1
@@ -432,7 +432,10 @@ def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
 
 
 def _refinement(state: State) -> State:
-    """Plan the result on the midpoint subdivision, if that may reach the goal in time."""
+    """Plan the result on the midpoint subdivision, if it may reach the goal there.
+
+    The matrix products on all finer meshes are limited.
+    """
     done = replace(state, phase=Phase.DONE)
     is_requested = state.energy.parameters.refine is not None
     if state.unrefined:
@@ -445,7 +448,7 @@ def _refinement(state: State) -> State:
         return done
     try:
         levels = state.levels.subdivided()
-    except AbfmError:  # faces without area, or a term that cannot be subdivided
+    except AbfmError:  # there are faces without area, or a term cannot be subdivided
         return done
     coarse, fine = (level.energy.functions for level in levels.all[-2:])
     if not is_requested and not narrowest(fine) > narrowest(coarse):  # jumps are never resolved
@@ -453,7 +456,7 @@ def _refinement(state: State) -> State:
     levels, result = levels.clustered(), state.path[_end(state)]
     progress, first = state.progress, levels.cheapest(len(levels) - 1)
     x = levels.fields_on(first, result.x, result.stage.level)
-    # some iterations, and one flow without clusters, which may be expensive due to slivers
+    # costs of some iterations, and of one flow without clusters, expensive due to slivers
     costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[-1].cost(x)
     effort_max = np.inf if is_requested else SETTINGS.refinement_effort_max
     if progress.effort + max(costs) > effort_max:
@@ -505,7 +508,7 @@ _PLANS = {
 
 
 def finish(state: State, interruption: StopReason | None = None) -> Solution:
-    """Return the solution: the best step, or no motion or the start if that is better.
+    """Return the solution: the best step, or no motion or the start if one of these is better.
 
     The residual of the solution is at most the larger one of no motion and the start.
     """
@@ -558,7 +561,10 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
 
 
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
-    """Return a step of the path, on the mesh itself or a finer one, in the unit of the input."""
+    """Return a result as a step of the path, in the input's unit.
+
+    Its fields are those of the mesh itself or of a finer one.
+    """
     level = max(result.stage.level, levels.mesh_level)
     mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale
     x = levels.fields_on(levels.mesh_level, result.x, result.stage.level)

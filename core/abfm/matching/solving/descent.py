@@ -33,31 +33,30 @@ class Progress:
     best: Evaluation | None = None
     level: int = 0  # level of the best fields
     before: Stage | None = None  # the latest stage with iterations
-    reason: StopReason = StopReason.ITERATION_LIMIT  # of the latest descent
-    # matrix row products of all evaluations, counted if their limit is finite
+    reason: StopReason = StopReason.ITERATION_LIMIT  # why the latest descent ended
+    # number of matrix row products of all evaluations, counted only if it is limited
     effort: float = 0.0
     effort_max: float = np.inf
 
     @property
     def point(self) -> Evaluation:
-        """The best evaluation, which exists after the first descent."""
         assert self.best is not None
         return self.best
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The state of a descent: first the constant fields, then those that a step replaces."""
+    """The state of a descent. The first fields are constant; each iteration replaces the others."""
 
     levels: Levels
     stage: Stage
     record: Record
     goal: float  # residual at which the descent ends
     until: int  # total number of iterations at which it ends
-    at_limit: StopReason  # the stop reason at this number
+    at_limit: StopReason  # the stop reason if it ends at ``until``
     search: Search
     current: Any  # iterate of the search
-    last_iterate: Any  # the latest iterate that did not fail, maybe from the stage before
+    last_iterate: Any  # the latest iterate that did not fail, maybe of the stage before
     progress: Progress
     least: Evaluation  # the iterate of least energy
     energies: tuple[float, ...]
@@ -65,7 +64,6 @@ class Descent:
 
     @property
     def level(self) -> Level:
-        """The level of the stage."""
         return self.levels[self.stage.level]
 
 
@@ -85,7 +83,7 @@ def minimise(
         _refuse_overflow(best, levels)
     record.begin_stage(levels, stage, best)
     if stage.level != before.level:
-        record.last_iterate = None  # not valid on this level
+        record.last_iterate = None  # belongs to another level
     progress = replace(before, best=best, level=stage.level)
     if energy.residual_at(best, stage.shift) <= levels.attainable(stage.goal):
         return replace(progress, reason=StopReason.GOAL_REACHED)
@@ -100,7 +98,7 @@ def init(
 ) -> Descent:
     """Return the descent of a stage at the best fields so far."""
     before, best, level = progress.before, progress.point, levels[stage.level]
-    # no other reference, as its pairs take memory
+    # keep no other reference, because the L-BFGS pairs of the iterate take memory
     last_iterate, record.last_iterate = record.last_iterate, None
     current = _first(search, stage, best, last_iterate, before)
     limit = len(record.history) - 1 + level.affordable_iterations(stage.iterations, best.x)
@@ -132,7 +130,7 @@ def step(descent: Descent) -> Descent:
         current = search.init(current.x, current.point)
     counted = record.evaluations
     current = search.step(current)
-    if progress.effort_max < np.inf:  # otherwise it is not needed
+    if progress.effort_max < np.inf:  # counting takes time
         cost = (record.evaluations - counted) * descent.level.cost(progress.point.x)
         progress = replace(progress, effort=progress.effort + cost)
     if current.failed:
@@ -178,7 +176,7 @@ def finish(descent: Descent, reason: StopReason) -> Progress:
 def _first(
     search: Any, stage: Stage, point: Evaluation, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Return the first iterate of a search, with the curvature of the last stage if valid."""
+    """Return the first iterate of a search; it reuses the curvature of the last stage if valid."""
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
     return search.init(point.x, point, last_iterate, stage.curvature_ratio(before))
@@ -226,7 +224,7 @@ def prolonged_without_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the fields of a coarser level on a finer one, and the advected functions.
 
-    It makes no gradient, which would take memory.
+    Unlike `prolonged`, it computes no gradient, which would take memory.
     """
     energy = levels[level].energy
 
@@ -247,8 +245,9 @@ def search_of(
 ) -> Search:
     """Return the search of a stage; ``count`` is called at each evaluation.
 
-    If functions and landmarks are matched together, it is preconditioned by the curvature of the
-    landmarks at the fields ``at`` (N, F, 2), if given.
+    If functions and landmarks are matched together, the curvature of the landmarks preconditions
+    the
+    search. It is that at the fields ``at`` (N, F, 2), if these are given.
     """
     p = energy.parameters
     objective = energy.objective(
@@ -333,7 +332,7 @@ def stabilised(
         point, found = evaluate(smoothed(mesh, x, edges))
         if found < least:
             best, least = point, found
-        # false if not finite
+        # the comparison is false if the residual is not finite
         if found <= SETTINGS.stable_factor * residual + SETTINGS.stable_residual:
             break
     return evaluate(np.zeros_like(x))[0] if best is None else best

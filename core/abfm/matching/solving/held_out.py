@@ -22,7 +22,7 @@ from abfm.matching.solving.settings import SETTINGS
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-_DISTANCE_ROUNDING = 1e-9  # relative to the size of the surface
+_DISTANCE_ROUNDING = 1e-9  # tolerance of equal distances, relative to the size of the surface
 
 
 def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
@@ -65,9 +65,9 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
 def folds(mesh: TriangleMesh) -> IntArray:
     """Return the fold of each vertex, (V,).
 
-    Patches surround points that are far from each other, and are assigned to the folds in turn.
-    Among points at the same distance up to rounding errors, the first one is the next centre. The
-    folds of a symmetric surface therefore do not depend on its position and unit.
+    Patches surround points that are far from each other. The patches are assigned to the folds in
+    turn. Among points at the same distance up to rounding errors, the first one is the next centre.
+    The folds of a symmetric surface therefore do not depend on its position and unit.
     """
     vertices = mesh.vertices
     from_middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)
@@ -119,7 +119,7 @@ class Fold(NamedTuple):
         """Return the source (C, V), advected along flow lines to the patches."""
         try:
             return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
-        except ParameterError:  # flow lines that cross too many faces
+        except ParameterError:  # flow lines cross too many faces
             return np.full_like(self.energy.functions.source, np.nan)
 
 
@@ -146,17 +146,19 @@ class HeldOut(NamedTuple):
     def score(self, log2_area: float) -> Score:
         """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
 
-        The discrete flow has a lag. Fields of a small sigma compensate for it, also where they are
-        not fitted. The discrete flow would therefore select too small a sigma. Flow lines have no
-        lag, and determine the score. However, they interpolate, which lowers the residual
-        of noise. Whether a field improves anything is therefore decided by the discrete flow.
+        The score uses flow lines. The discrete flow has a lag, and fields of a small sigma
+        compensate for
+        it, even where they are not fitted. It would therefore select too small a sigma. However,
+        flow
+        lines interpolate, which lowers the residual of noise. Whether a field improves anything is
+        therefore decided by the discrete flow.
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
         return Score(flow_lines + SETTINGS.area_weight * log2_area, discrete, self.unmoved)
 
     def _residual(self, advected: Sequence[FloatArray]) -> float:
-        """Return the residual of functions (C, V) of each fold, on the patches of the folds."""
+        """Return the residual of the functions (C, V) of each fold on its own patches."""
         functions = self.energy.functions
         residuals = [
             functions.with_mask(fold.hidden).residual(values)

@@ -1,7 +1,7 @@
 """The levels of a match: energies on meshes from coarse to fine, and transfers between them.
 
-Thin triangles can dominate the cost of an evaluation. The mesh itself then has two levels: first
-with clusters of the vertices of these triangles (`abfm.flow.clusters`), then without.
+Thin triangles can dominate the cost of an evaluation. Such a mesh has two levels. In the first
+one, the vertices of these triangles form clusters (`abfm.flow.clusters`); the second has none.
 """
 
 import threading
@@ -133,7 +133,7 @@ def rotate_onto_faces(
             v, m = vectors[faces[f, c]], normals[faces[f, c]]
             along = 1.0 + m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
             height = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
-            # with opposite normals, the vector is projected
+            # between nearly opposite normals no rotation is unique, so the vector is projected
             share = height / along if along > 1e-3 else 0.0
             for k in range(2):
                 e = frames[f, k]
@@ -146,7 +146,7 @@ def rotate_onto_faces(
 class Level:
     """The energy on one mesh, and the transfer to the next finer one.
 
-    ``cheaper`` is the energy on the same mesh with clusters, if the level before has these.
+    If the level before is the same mesh with clusters, ``cheaper`` is its energy.
     """
 
     energy: MatchingEnergy
@@ -211,11 +211,11 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the same mesh, which has clusters if there are any."""
+        """Return the first level on the same mesh as a level; it has clusters if there are any."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
-        """Return the last level on the same mesh, which has no clusters."""
+        """Return the last level on the same mesh as a level; it has no clusters."""
         is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
         return level + is_clustered
 
@@ -230,7 +230,7 @@ class Levels:
         return x
 
     def error(self, level: int) -> float:
-        """Return the discretisation error of a level relative to the mesh itself.
+        """Return the error of functions on a level compared with the mesh itself, as a residual.
 
         Source and target are averaged on the level and interpolated back. The larger relative
         difference is the error; it is 0 on the mesh itself.
@@ -246,11 +246,14 @@ class Levels:
         return max(errors)
 
     def attainable(self, goal: float) -> float:
-        """Return a goal, or the least residual of any flow if that is larger."""
+        """Return a goal or, if that is larger, the least residual that any flow can have."""
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
-        """Return the levels with additional coarser meshes, by the parameters or the mesh size."""
+        """Return the levels with additional coarser meshes.
+
+        Their number is a parameter or depends on the mesh size.
+        """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
         counts = _vertex_counts(first.mesh, first.parameters)
@@ -261,7 +264,7 @@ class Levels:
             for count in counts:
                 checkpoint()
                 if edges >= least > edges * np.sqrt(count / size):
-                    # the coarser mesh would distort features that this mesh resolves
+                    # a coarser mesh would distort features that this mesh resolves
                     break
                 energy = found[0].energy
                 transfer = _coarser(energy.mesh, count)

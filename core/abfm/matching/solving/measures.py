@@ -15,7 +15,7 @@ from abfm.types import BoolArray, FloatArray, IntArray
 
 
 def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
-    """Return the measurements of fields (N, F, 3) for a `PathStep`.
+    """Return the measurements of fields (N, F, 3) along flow lines, by attribute of `PathStep`.
 
     On meshes with more than 20,000 vertices, they are estimated from that number of vertices. The
     dictionary is empty if flow lines cross too many faces.

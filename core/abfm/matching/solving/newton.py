@@ -1,9 +1,9 @@
 """Gauss-Newton search for landmarks, whose term has a known approximate second derivative.
 
-If flow lines pass a vertex on another side, they may end elsewhere, and the energy jumps. A
-descent would stop at each jump, even if only one landmark causes it. The energy may therefore rise
-here, and the caller selects the best iterate. A landmark that did not move as its derivative
-predicted has a smaller weight in the next step.
+If a flow line passes a vertex on its other side, it may end elsewhere, and the energy jumps. A
+descent would stop at each jump, even if only one landmark causes it. This search therefore lets
+the energy rise, and the caller selects the best iterate. A landmark that did not move as its
+derivative predicted has a smaller weight in the next step.
 """
 
 from collections.abc import Callable
@@ -21,8 +21,8 @@ from abfm.workers.control import checkpoint
 _DECREASE_SHARE = 1e-4  # sufficient decrease, relative to the prediction of the slope
 _TRIALS_MAX = 6
 _RISE_SHARE_MAX = 0.5  # largest rise of the energy, if no step length lowers it
-_ROUNDING_SHARE = 1e-16  # of the energy
-# usual error of the predicted position of a landmark, in sqrt(area) and relative to its motion
+_ROUNDING_SHARE = 1e-16  # rounding errors of the energy, relative to it
+# usual errors of the predicted position of a landmark: in sqrt(area), and relative to its motion
 _ERROR_USUAL = 0.01
 _ERROR_SHARE = 0.3
 
@@ -35,7 +35,7 @@ class Iterate:
 
     x: FloatArray
     point: Evaluation
-    # (L,), weight of each landmark's derivative, 0 to 1
+    # weights of the derivatives of the landmarks, (L,), 0 to 1
     trust: FloatArray | float = 1.0
     predicted: float = np.inf  # decrease that the last step predicted
     failed: bool = False
@@ -46,9 +46,9 @@ class GaussNewton:
     """A search for the minimum of an energy with second derivative of about ``A + J^T D J``."""
 
     evaluate: Callable[[FloatArray], Evaluation]
-    inverse: Inverse  # of A
-    curvature: Callable[[FloatArray], LandmarkCurvature]  # at fields
-    size: Callable[[FloatArray], float]  # of a step
+    inverse: Inverse  # the inverse of A
+    curvature: Callable[[FloatArray], LandmarkCurvature]  # J and D at some fields
+    size: Callable[[FloatArray], float]  # the size of a step, which is limited
     size_max: float
 
     def init(
@@ -58,12 +58,11 @@ class GaussNewton:
         before: object = None,
         steeper: float = 1.0,
     ) -> Iterate:
-        """Return the first iterate; the curvature of an earlier search is not used."""
+        """Return the first iterate; the curvature ``before`` of an earlier search is not used."""
         point = self.evaluate(x) if point is None else point
         return Iterate(x, point)
 
     def step(self, state: Iterate) -> Iterate:
-        """Do one iteration."""
         jacobian, weights, away = self.curvature(state.x)
         trusted = weights * np.repeat(state.trust, 2 if np.ndim(state.trust) else len(weights))
         gradient = state.point.gradient
@@ -92,7 +91,7 @@ class GaussNewton:
 
 
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
-    """Return the weights (L,) of landmarks.
+    """Return the weights (L,) of landmarks: smaller if a landmark did not move as predicted.
 
     They depend on the errors (L,), the residuals before the step (L, 2) and the predicted motion
     (L, 2).
@@ -111,7 +110,7 @@ def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: Floa
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
 
     def applied(gradient: FloatArray) -> FloatArray:
-        if not known:  # at the first use
+        if not known:  # the first call
             moved = np.empty((len(curvature), gradient.size))
             for number in range(len(curvature)):
                 checkpoint()

@@ -31,10 +31,10 @@ class StopReason(StrEnum):
     GOAL_REACHED = "goal reached"  # the residual is well below the goal
     NO_PROGRESS = "no progress"  # the energy fell too little
     ITERATION_LIMIT = "iteration limit"
-    LINE_SEARCH_FAILED = "line search failed"  # often because of rounding
+    LINE_SEARCH_FAILED = "line search failed"  # often because of rounding errors
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"  # the best field so far is the result
-    GIVEN = "given"  # the field was not computed
+    GIVEN = "given"  # the field was given, not computed
 
     @property
     def is_interrupted(self) -> bool:
@@ -68,7 +68,10 @@ class View(Protocol):
 
 
 class Score(NamedTuple):
-    """The score of a step by held-out patches (see `held_out`); NaN without them."""
+    """The score of a step by held-out patches (see `abfm.matching.solving.held_out`).
+
+    NaN without them.
+    """
 
     value: float = math.nan  # smaller is better
     held_out: float = math.nan  # residual of the patches
@@ -112,7 +115,6 @@ class StepResult:
 
     @property
     def worse(self) -> float:
-        """The larger residual of both checks."""
         return worse_residual(self.residual, self.verified_residual)
 
 
@@ -121,18 +123,18 @@ class Iteration:
     """One iterate; its fields and functions on the mesh are computed at the first use."""
 
     iteration: int  # total number of iterations so far, 0 at the start
-    stage: int  # from 0
+    stage: int  # number of the stage, from 0
     level: int  # number of the mesh, from 0 for the coarsest one
     levels: int  # number of levels; a mesh with thin triangles counts twice, first with clusters
-    vertices: int  # of the mesh of the level, or their clusters (`abfm.flow.clusters`)
-    reach: float  # in this stage
+    vertices: int  # number of vertices of the level, or of clusters (`abfm.flow.clusters`)
+    reach: float  # reach of this stage
     sigma: float
     alpha: float
-    energy: float  # on the mesh of this level, scaled to unit area
+    energy: float  # total energy on the mesh of this level, scaled to unit area
     regularity: float
     mismatch_energy: float
     term_energies: dict[str, float]  # parts of the mismatch energy by name of the data term
-    residual: float  # on the mesh of this level
+    residual: float  # residual on the mesh of this level
     evaluations: int  # number of evaluations of the energy so far
     view: View
     path: tuple[PathStep, ...] = ()  # the steps so far, without fields
@@ -197,23 +199,21 @@ class Record:
         self.evaluations = 0
         # level and evaluation of the latest fields of this variant
         self.latest: tuple[int, Evaluation] | None = None
-        self.last_iterate: Any = None  # of a search, with its L-BFGS pairs
+        self.last_iterate: Any = None  # iterate of a search, with its L-BFGS pairs
         self.path: tuple[PathStep, ...] = ()  # the steps of this variant so far
         self.is_provisional = False  # whether other variants or smaller sigmas follow
         self.is_calling = False  # whether the callback runs, or has raised an error
-        self._level: int | None = None  # of the latest iterate
+        self._level: int | None = None  # level of the latest iterate
         self._on_iteration = on_iteration
 
     def begin(self) -> None:
-        """Begin a variant: discard the latest fields and the curvature."""
         self.latest = self.last_iterate = None
 
     def count(self) -> None:
-        """Count an evaluation."""
         self.evaluations += 1
 
     def begin_stage(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Record the first fields of a stage; on a new level they are an iterate."""
+        """Record the first fields of a stage; on a new level they count as an iterate."""
         self.latest = stage.level, point
         iterations, is_new = len(self.history), self._level != stage.level
         if not iterations or (

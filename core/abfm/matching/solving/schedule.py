@@ -11,11 +11,11 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import FIRST_SIGMA_MAX, LAST_SIGMA, REACH_MAX, Parameters
 from abfm.types import FloatArray
 
-_STEP_ROUNDING = 1e-9  # of a number of steps
+_STEP_ROUNDING = 1e-9  # rounding errors of a number of steps
 
 
 class Variant(NamedTuple):
-    """Values that all steps of a path share."""
+    """Values that all steps of a path have in common."""
 
     alpha: float
     fields: int  # number of consecutive fields
@@ -23,34 +23,37 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A minimisation of one objective on one level; reach 0 is the norm of the parameters."""
+    """A minimisation of one objective on one level.
+
+    With ``reach`` 0, functions are compared in the norm of the parameters.
+    """
 
     level: int  # number of the mesh, from 0 for the coarsest one
     fields: int  # number of consecutive fields
     sigma: float
     alpha: float
     reach: float
-    iterations: int  # limit of this stage
-    until: int  # limit of all stages together
+    iterations: int  # largest number of iterations of this stage
+    until: int  # largest total number of iterations up to its end
     fixed: bool  # whether the stage uses all its iterations
     goal: float  # residual at which the stage ends
     landmark_sigma: float = Parameters.landmark_sigma
     # whether the stage also ends if the residual stalls, once the target is found
     is_search: bool = False
-    # (C, V), subtracted from the advected functions before they are compared with the target
+    # subtracted from the advected functions before they are compared with the target, (C, V)
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
         """Return whether the curvature of the stage before is still valid.
 
-        In a fixed stage, it is valid only for the same sigma.
+        If a stage has a fixed number of iterations, it is valid only for the same sigma.
         """
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def curvature_ratio(self, before: "Stage") -> float:
-        """Return the curvature of the energy, relative to the stage before."""
+        """Return the factor by which the curvature of the energy changes from the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
@@ -58,8 +61,9 @@ class Stage:
     def is_worthwhile(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
         """Return whether to continue after these energies and residuals of iterates.
 
-        The energy has to fall. In a search, the residual also has to fall once the target is found,
-        because the norm of the search no longer matters then.
+        The energy has to fall. In a search, the residual also has to fall once the target is found.
+        The
+        energy of a search compares functions over a distance, which no longer matters then.
         """
         if self.fixed:
             return True
@@ -72,7 +76,10 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share within the last iterations, or are fewer than that."""
+    """Return whether values fell by a share within the last iterations.
+
+    True if there are fewer values.
+    """
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
@@ -93,21 +100,21 @@ class Schedule:
         self._has_landmarks_only = has_landmarks and functions.is_constant
         self.has_given_sigma = p.sigma is not None
         self._has_detail = is_measured(functions)
-        # as in the paper, every step uses all its iterations
+        # every step uses all its iterations, as in the paper
         self.is_fixed = p.paper.stage_iterations > 0 or (p.solver.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not (self.has_given_sigma or self.is_fixed)
-        # ends when flow lines confirm the goal
+        # the path ends when flow lines confirm the goal
         self.is_free = not (self.has_given_sigma or self.is_fixed or self.is_measured)
         self.unit = 1.0 if p.paper.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
     @property
     def has_given_end(self) -> bool:
-        """Whether the last step is the result, regardless of its residual."""
+        """Whether the last step of the path is the result, whatever its residual."""
         return self.has_given_sigma or self.is_fixed
 
     def variants(self, fields: int) -> list[Variant]:
-        """Return the variants of the path that are tried on the first mesh.
+        """Return the variants of the path that are tried on the coarsest mesh.
 
         Measured functions have a second variant with a smaller alpha, except with the norm of first
         order. Fields of that norm follow small scales anyway: a third of alpha was not better on 21
@@ -126,26 +133,29 @@ class Schedule:
         return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
     def reach(self, residual: float) -> float:
-        """Return the reach of the variant after one with this residual.
+        """Return the reach of the next variant, after a variant with this residual.
 
-        It is the largest reach if the variant did not find the target.
+        It is the largest reach if that variant did not find the target.
         """
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach
 
     @property
     def first_reach(self) -> float:
-        """The reach of the first variant."""
         return 0.0 if self._has_landmarks_only else self._p.solver.reach
 
     def stage(
         self, level: int, sigma: float, variant: Variant, reach: float = 0.0, error: float = 0.0
     ) -> Stage:
-        """Return the stage of a sigma on a level with this discretisation error (residual).
+        """Return the stage of a sigma on a level.
 
-        On a coarse level, the result of a given sigma is only a start for the mesh itself. The
-        stage then ends at the discretisation error, because a smaller residual on the coarse mesh
-        has no meaning on the mesh itself. A search also ends if the residual stalls.
+        ``error`` is the discretisation error of the level, as a residual. On a coarse level, the
+        result
+        of a given sigma is only a start for the mesh itself. The stage then ends at the
+        discretisation
+        error, because a smaller residual on the coarse mesh has no meaning on the mesh itself. A
+        search
+        also ends if the residual stalls.
         """
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._has_landmarks_only:
@@ -176,7 +186,10 @@ class Schedule:
         )
 
     def landmark_sigma(self, sigma: float) -> float:
-        """Return the sigma of landmarks; it falls faster, so that landmarks are matched first."""
+        """Return the tolerance of the landmarks in the step of a sigma.
+
+        It falls faster than sigma, so that landmarks are matched first.
+        """
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
             return self._p.landmark_sigma
@@ -202,5 +215,5 @@ class Schedule:
 
     @staticmethod
     def is_found(residual: float) -> bool:
-        """Return whether the search found the target."""
+        """Return whether a search with this residual has found the target."""
         return residual <= SETTINGS.found_residual

@@ -14,9 +14,11 @@ class ContinuationSettings:
     # residual at which the search has found the target: "A long-range norm"
     found_residual: float = 0.75
     # alpha of the second variant of measured functions, relative to the parameter. With an earlier
-    # selection of sigma, a cortex correlates to 0.923 with this variant and to 0.905 without it
+    # selection of sigma, source and target on a cortex correlate to 0.923 with this variant, and to
+    # 0.905 without it
     second_alpha_share: float = 1 / 3
-    # factors of the given sigma if only landmarks are matched, which need no search
+    # multiples of the given sigma that are minimised, without a search, if only landmarks are
+    # matched
     landmark_sigma_factors: tuple[float, ...] = (100.0, 10.0, 1.0)
     # ratio of the first to the last landmark_sigma of a path
     landmark_factor_max: float = 100.0
@@ -30,11 +32,11 @@ class ContinuationSettings:
     # below this sigma, alpha falls as the square of sigma. With a constant alpha, 39 of 41 problems
     # are confirmed, in 1.6 times the time
     stiff_sigma: float = 0.05
-    # a step ends at this share of the goal, as flow lines usually have a larger residual. With 1
-    # and no effort limit of finer meshes, 41 problems take 1.4 times the time
+    # a step ends at this share of the goal, as flow lines usually have a larger residual. With 1,
+    # and without the limit of effort on finer meshes, 41 problems take 1.4 times as long
     goal_share: float = 0.8
-    # share of all iterations on meshes before the mesh itself; nothing is lost on 67 problems, and
-    # runs with few iterations reach their mesh
+    # largest share of all iterations on meshes coarser than the mesh itself. None of 67 problems is
+    # matched less well, and runs with few iterations reach the mesh itself
     coarse_iteration_share: float = 0.75
     # a correction needs a discrete residual of at most this multiple of the goal. Without the
     # limit, a human body takes 781 iterations instead of 641, with the same result
@@ -82,7 +84,7 @@ class ContinuationSettings:
     # largest number of stored values of that curvature, because of memory
     curvature_size_max: float = 5e7
 
-    # patches and folds of the surface; with 40 patches, errors are 1.10 times as large
+    # number of patches and folds of the surface; with 40 patches, errors are 1.10 times as large
     patches: int = 150
     folds: int = 3
     # weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual. For
@@ -94,11 +96,11 @@ class ContinuationSettings:
     fold_fall_min: float = 0.2
     fold_iterations: int = 4
 
-    # vertices of evenly spaced faces from which flow lines start: "Verification"
+    # number of vertices (of evenly spaced faces) from which flow lines start: "Verification"
     flow_line_vertices_max: int = 20_000
-    # faces that are cut into parts to search for folds; larger numbers find no more
+    # largest number of faces that are cut into parts to find folds; more would find no other folds
     cut_faces_max: int = 64
-    # no warning before this iteration, by which a moving source has moved
+    # number of iterations before the first warning; a source that moves has moved by then
     warning_iterations_min: int = 10
 
 

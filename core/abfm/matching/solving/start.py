@@ -45,8 +45,8 @@ def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArra
 def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
     """Return the levels up to the finer mesh of a start, and its coefficients there.
 
-    None if the start is not on a finer mesh, if this mesh is not allowed, or if the start misses
-    the target.
+    None if the start is not on a finer mesh, if the parameters exclude this mesh, or if the start
+    misses the target.
     """
     p, start = energy.parameters, energy.problem.fine_start
     times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)

@@ -46,14 +46,12 @@ class DataTerm(Protocol):
     name: str
 
     @property
-    def sources(self) -> FloatArray:
-        """The functions (C, V) that the flow advects."""
-        ...
+    def sources(self) -> FloatArray: ...
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
-        """Return the energy with the norm of a reach, in sqrt(area).
+        """Return the energy with a norm that compares functions over a distance ``reach``.
 
-        The norm of a reach above 0 compares functions over this distance.
+        The distance is in sqrt(area). With reach 0, functions are compared point by point.
         """
         ...
 
@@ -83,7 +81,7 @@ class DataTerms:
         return math.hypot(*(term.residual(part) for term, part in pairs))
 
     def measure(self, parameters: Parameters, reach: float) -> Sum:
-        """Return the sum of the energies with the norm of a reach."""
+        """Return the sum of the energies, with a norm that compares over a distance ``reach``."""
         return Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
 
     def split(self, functions: FloatArray) -> list[FloatArray]:

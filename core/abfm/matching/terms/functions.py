@@ -38,7 +38,7 @@ VALUE_MAX = 1e100
 _WEIGHT_MIN = 1e-30
 _WEIGHT_MAX = 1e30
 CONSTANT_SHARE = 1e-9
-"""Largest deviation of a constant function from its mean, relative to its norm."""
+"""Largest norm of a constant function minus its mean (rounding errors), relative to its norm."""
 
 
 class FunctionTerm:
@@ -99,11 +99,10 @@ class FunctionTerm:
 
     @property
     def sources(self) -> FloatArray:
-        """The functions (C, V) that the flow advects."""
         return self.source
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
-        """Return the energy in the norm of beta, or in the smoothed norm of a reach."""
+        """Return the energy in the norm of beta, or in a smoothed norm if ``reach`` is above 0."""
         unit = self.function_size if parameters.paper.sigma_unit == "relative" else 1.0
         if reach:
             difference = self.source - self.target
@@ -134,17 +133,21 @@ class FunctionTerm:
 
     @cached_property
     def varying_size(self) -> float:
-        """The deviation of the target from its mean.
+        """The L2 norm of the target minus its mean.
 
-        If the target is constant, it is the deviation of the source. If both are constant, it is
-        the norm of the target, or of the source, or 1, whichever is the first above 0.
+        If the target is constant, it is that of the source. If both are constant, it is the norm of
+        the
+        target, or of the source, or 1, whichever is the first above 0.
         """
         sizes = (self._varying(self.target), self._varying(self.source))
         norms = (self.norm(self.target), self.norm(self.source))
         return next((size for size in (*sizes, *norms) if size), 1.0)
 
     def _varying(self, functions: FloatArray) -> float:
-        """Return the deviation of channels (C, V); 0 if they are constant up to rounding."""
+        """Return the L2 norm of channels (C, V) minus their means.
+
+        0 if only rounding errors remain.
+        """
         deviation = self.deviation(functions)
         return deviation if deviation > CONSTANT_SHARE * self.norm(functions) else 0.0
 
@@ -214,14 +217,14 @@ class FunctionTerm:
             return l2_norm(self.mesh, weighted, self.mask)
 
     def deviation(self, functions: FloatArray) -> float:
-        """Return the norm of channels (C, V) minus their means, weighted by the mask."""
+        """Return the L2 norm of channels (C, V) minus their means, weighted by the mask."""
         return float(np.sqrt(self.covariance(functions, functions)))
 
     def covariance(self, one: FloatArray, other: FloatArray) -> float:
         shares = self.areas / self.areas.sum()
         deviations = []
         for functions in (one, other):
-            shifted = functions - functions[:, :1]  # exactly zero for constants
+            shifted = functions - functions[:, :1]  # exactly zero for constant functions
             # not by BLAS, whose threads block each other if other programs run
             deviations.append(shifted - np.einsum("cv,v->c", shifted, shares)[:, None])
         return float(self.weights @ np.einsum("cv,v->c", deviations[0] * deviations[1], self.areas))

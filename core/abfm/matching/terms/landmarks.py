@@ -31,7 +31,7 @@ class LandmarkMisfit(NamedTuple):
 
     energy: float
     errors: FloatArray  # (L,), see `Landmarks.errors`
-    differentiate: Callable[[], FloatArray]  # by the fields, (N, F, 2)
+    differentiate: Callable[[], FloatArray]  # the derivative by the fields, (N, F, 2)
 
 
 class LandmarkCurvature(NamedTuple):
@@ -40,7 +40,7 @@ class LandmarkCurvature(NamedTuple):
     The second derivative is about ``J^T D J``.
     """
 
-    jacobian: sparse.csr_array  # (2 L, N F 2), J, of the ends of the landmarks by the fields
+    jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
     weights: FloatArray  # (2 L,), D
     residuals: FloatArray  # (2 L,), r, for each landmark a vector with the length of its error
 
@@ -103,7 +103,7 @@ class Landmarks:
 
         They are infinite if flow lines cross too many faces. All residuals and reports use these
         errors. The objective has slightly different ones, as its flow lines have differentiable
-        steps. The mesh may be the same in another unit, which is then the unit of the fields.
+        steps. ``mesh`` may be in another unit, which is then also the unit of the fields.
         """
         try:
             flow = ContinuousFlow(mesh, velocity, tau)
@@ -159,10 +159,7 @@ def landmarks_of(
     Vertices are rows of the mesh. If ``as_file``, they are numbers of the file, which also counts
     vertices without faces.
 
-    Raises
-    ------
-    ParameterError
-        If they do not fit the mesh, or if their numbers differ.
+    ParameterError if they do not fit the mesh, or if their numbers differ.
     """
     if given is None:
         if weights is not None:
@@ -205,13 +202,13 @@ def landmarks_of(
 def residual_of_errors(errors: FloatArray) -> float:
     """Return the largest error of landmarks (L,) as a residual.
 
-    `MATCHED_ERROR` has the residual of the default goal.
+    An error of `MATCHED_ERROR` corresponds to the default goal.
     """
     return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 
 def error_of(residual: float) -> float:
-    """Return the landmark error of a residual, as a fraction of sqrt(area)."""
+    """Return the landmark error that corresponds to a residual, as a fraction of sqrt(area)."""
     return residual * (MATCHED_ERROR / _USUAL_GOAL)
 
 

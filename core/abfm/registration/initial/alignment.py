@@ -38,13 +38,13 @@ KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 
 _SCREENING_POINTS = 150  # points of each surface for the comparison of starts
 _REFINING_POINTS = 2100  # points of each surface for the refinement
-_ITERATIONS_MAX = 60  # of closest points and best motions
+_ITERATIONS_MAX = 60  # each finds closest points and then the best motion
 _SCREENING_ROUNDS = (0, 16), (8, 3)  # iterations for each start, and number of starts that remain
 _FITTED_SHARE = 0.8  # share of the pairs, the closest ones, that a motion is fitted to
-_GAIN_SHARE_MIN = 1e-5  # of the RMS distance: iterations stop at smaller gains
-_DISTANCE_RATIO_MAX = 1.1  # up to it times the least RMS distance, the first start is preferred
+_GAIN_SHARE_MIN = 1e-5  # iterations stop if the RMS distance falls by a smaller share
+_DISTANCE_RATIO_MAX = 1.1  # the first start is preferred up to this multiple of the least distance
 _DISTANCE_MIN = 1e-9  # RMS distance in sqrt(area) at which the search stops
-_LANDMARK_WIDTH_MIN = 1e-6  # in sqrt(area): narrower landmarks lie on a line
+_LANDMARK_WIDTH_MIN = 1e-6  # landmarks within this width, in sqrt(area), lie on a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Alignment:
     rotation: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror image
     scale: float
     shift: FloatArray  # (3,), in A's units
-    rms: float  # of the distances between the aligned surfaces, in sqrt(area) of A
+    rms: float  # RMS distance between the aligned surfaces, in sqrt(area) of A
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Move points (P, 3) from B's position and units to A's."""
@@ -99,7 +99,7 @@ def align(
     """Find the motion that brings B closest to A.
 
     The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
-    reflection).
+    reflection); ParameterError for any other.
 
     Three or more landmarks that do not lie on a line determine the start. Otherwise several starts
     are tried. The first one has the surfaces in their given positions. The others align their
@@ -111,11 +111,6 @@ def align(
 
     The result has the smallest RMS distance. The one from the given positions is preferred if its
     RMS distance is at most 10% larger.
-
-    Raises
-    ------
-    ParameterError
-        If the kind is unknown.
     """
     if kind not in KINDS:
         raise ParameterError(
@@ -230,7 +225,7 @@ class _Surfaces(NamedTuple):
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
-    """Refine motions and return the ``count`` best ones, or a single one that is exact."""
+    """Refine motions; return the ``count`` best ones, or a single one if its distance is 0."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()
@@ -258,9 +253,9 @@ def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Moti
 
 
 def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionKind) -> Motion:
-    """Return the motion of points b (P, 3) closest to a (P, 3), in weighted least squares.
+    """Return the motion that brings points b (P, 3) closest to a (P, 3), in weighted least squares.
 
-    The source is [Umeyama 1991].
+    The formula is that of [Umeyama 1991].
     """
     shares = (weights / weights.sum())[:, None]
     middle_b, middle_a = (shares * b).sum(axis=0), (shares * a).sum(axis=0)
@@ -271,7 +266,7 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionK
     rotation = (left * signs) @ right
     spread = float((shares * x**2).sum())
     scale = float(values @ signs) / spread if kind != "rigid" and spread > 0 else 1.0
-    # pairs of a bad start must not shrink the surface to a point
+    # pairs of points of a bad start must not shrink the surface to a point
     scale = max(scale, 0.1) if kind != "rigid" else 1.0
     return rotation, scale, middle_a - scale * rotation @ middle_b
 

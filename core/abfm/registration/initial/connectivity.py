@@ -10,12 +10,9 @@ from abfm.mesh import TriangleMesh
 def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
     """Return the map that takes each vertex of B to the vertex of A with the same number.
 
-    The order, the first corner and the orientation of faces may differ.
-
-    Raises
-    ------
-    AbfmError
-        If the meshes have different numbers of vertices, or faces between other vertices.
+    The order, the first corner and the orientation of faces may differ. AbfmError if the meshes
+    have
+    different numbers of vertices, or faces between other vertices.
     """
     difference = _difference(a, b)
     if difference:
@@ -27,7 +24,6 @@ def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
 
 
 def _difference(a: TriangleMesh, b: TriangleMesh) -> str:
-    """Return a description of the difference in connectivity, empty if there is none."""
     for name in ("vertices", "faces"):
         counts = len(getattr(a, name)), len(getattr(b, name))
         if counts[0] != counts[1]:

@@ -26,12 +26,12 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
 _ENERGIES = 20  # evenly spaced logarithms of eigenvalues, with one descriptor each
-_CURVATURE_MAX = 30.0  # mean curvature, over sqrt(area): larger values are creases or noise
-_COMMUTATOR_WEIGHT = 0.1  # of the commutator with the Laplacian, relative to all descriptors
+_CURVATURE_MAX = 30.0  # a larger mean curvature, in 1 / sqrt(area), is a crease or noise
+_COMMUTATOR_WEIGHT = 0.1  # weight of commuting with the Laplacian, relative to all descriptors
 
 
 class Hints(NamedTuple):
-    """Landmarks and functions on both surfaces, in eigenfunctions: L pairs and C pairs of them."""
+    """Landmarks and functions on both surfaces, expressed by eigenfunctions."""
 
     places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
     at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), eigenfunctions there, on A and on B
@@ -112,7 +112,10 @@ def _energies(values: FloatArray) -> FloatArray:
 
 
 def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return 1 - r (C,) of functions (V, C), with their correlations r weighted by ``areas``."""
+    """Return 1 - r for each channel (C,), with the correlation r of two functions (V, C).
+
+    The correlation is weighted by ``areas``.
+    """
     one, other = one - areas @ one, other - areas @ other
     sizes = (areas @ one**2) * (areas @ other**2)
     products = areas @ (one * other)

@@ -9,13 +9,16 @@ from abfm.maps.point_maps import PointMap
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.map_input import Initial, MapInput
 
-_SIDE_MIN = 0.5  # area with preserved minus area with reversed orientation, as a share
+_SIDE_MIN = 0.5  # least share of the area with one orientation minus that with the other
 
 
 def make_continuous(
     given: MapInput, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
 ) -> Initial:
-    """Make a map continuous if it flips or collapses faces and neither surface has handles."""
+    """Return a given map, made continuous if it flips or collapses faces.
+
+    If a surface has handles, the map is returned unchanged.
+    """
     # files store no map inside faces
     points = replace(points, interior_map=None)
     original = Correspondence(points)

@@ -25,10 +25,10 @@ from abfm.types import FloatArray
 from abfm.wording import counted
 
 _OPTIONAL_COLUMNS = ("name", "weight", "curve")
-_SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # by words in column names
+_SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # surface of a word in a column name
 _VERTEX_NUMBER_MAX = 1e15  # larger numbers are not vertex numbers and make long messages
-_DISTANCE_MAX = 0.1  # in sqrt(area), from a point to its surface
-_CURVE_SAMPLES = 32  # between two points of a curve, projected onto the surface
+_DISTANCE_MAX = 0.1  # largest distance of a point from its surface, in sqrt(area)
+_CURVE_SAMPLES = 32  # points between two given points of a curve, projected onto the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ class _Side(NamedTuple):
         return projected.positions
 
     def along(self, curve: str, count: int) -> FloatArray:
-        """Return points (count, 3) at equal distances along a curve through the points."""
+        """Return points at equal distances along a curve through its points, (count, 3)."""
         through = self.positions()
         if len(through) < 2:
             raise AbfmError(
@@ -288,7 +288,7 @@ class _Columns(NamedTuple):
 
 
 def by_surface(names: list[str], places: list[int]) -> list[int]:
-    """Return columns in the order A, B if their names contain a surface, else in the given order.
+    """Return columns sorted by surface (A, B) if their names contain it, else in the given order.
 
     Six columns also need an axis in each name. Examples are ``target`` and ``x_b``.
     """
@@ -305,7 +305,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     """Find the meaning of the columns from the first line."""
     count = len(first)
     has_index = not first[0] and count > 1 and not any(not c or is_number(c) for c in first[1:])
-    if has_index:  # pandas writes an unnamed index column
+    if has_index:  # an unnamed column, as pandas writes it
         first = ["index", *first[1:]]
     if is_number(first[0]) or not first[0].strip():
         others = {"curve": count - 1} if count in (3, 7) and not is_number(first[-1]) else {}
@@ -329,7 +329,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
 
 
 def _refuse_duplicates(rows: list[_LandmarkRow]) -> None:
-    """Refuse a point that is in two pairs."""
+    """Raise an error if a point is in two pairs."""
     for which, points in (("A", [row.a for row in rows]), ("B", [row.b for row in rows])):
         seen: dict[tuple[float, ...], int] = {}
         for row, point in zip(rows, points, strict=True):

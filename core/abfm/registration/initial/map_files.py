@@ -12,7 +12,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
 from abfm.types import FloatArray, IntArray
 from abfm.wording import counted
 
-_WEIGHT_ROUNDING = 1e-3  # tolerance for weights in files: their sums, and negative values
+_WEIGHT_ROUNDING = 1e-3  # tolerance for sums of weights other than 1, and for negative weights
 
 
 def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Landmarks:
@@ -30,10 +30,8 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
         Pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1). They are
         landmarks, unless every vertex of B is in exactly one pair.
 
-    Raises
-    ------
-    AbfmError
-        If the file cannot be read or has another content. The message names the first wrong line.
+    AbfmError if the file cannot be read or has another content. The message names the first wrong
+    line.
     """
     table = read_map_table(path, b)
     columns = table.shape[1]
@@ -58,7 +56,7 @@ def _of_pairs(
     a: TriangleMesh, b: TriangleMesh, path: str, table: FloatArray
 ) -> PointMap | Landmarks:
     numbers = table - 1 if path.lower().endswith(".vts") else table
-    # vertices of a map, unlike landmarks, may share an image
+    # several vertices may have the same image in a map, but not in landmarks
     is_map = np.array_equal(np.sort(numbers[:, 1]), b.numbered[0])
     if not is_map and open_file(path).format is Format.TABLE:  # such a table may contain names
         return read_landmarks(a, b, path)

@@ -24,7 +24,7 @@ class MapInput(NamedTuple):
 
 
 class Initial(NamedTuple):
-    """An initial map with notes and warnings, which are a line each.
+    """An initial map with one-line notes and warnings.
 
     Notes report how the map was found. Warnings report why it may be wrong. A registration with
     such a warning has not reached its goal, see `Registration.verdict`.

@@ -34,10 +34,7 @@ class FramesFile(NamedTuple):
 def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
     """Return frames from columns; values at sources are interpolated.
 
-    Raises
-    ------
-    ValueError
-        If the columns are labels or do not fit the mesh.
+    ValueError if the columns are labels or do not fit the mesh.
     """
     found = found.by_vertex()
     if any(found.keys):

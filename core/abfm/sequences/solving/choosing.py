@@ -91,10 +91,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
     The patches are in a few intervals. Sigma is the largest that explains nearly as much with this
     norm as its best sigma.
 
-    Raises
-    ------
-    ParameterError
-        If sigma is not given, and there are too few vertices to hold any out.
+    ParameterError if sigma is not given, and there are too few vertices to hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     given_norm = Norm(given.order, given.alpha)
