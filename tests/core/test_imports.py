@@ -68,7 +68,7 @@ for code in {CODES}:
 
 
 def test_public_names_are_not_modules():
-    """Names equal to the names of their modules are not replaced in any order of imports."""
+    """A public name like its module's is never replaced by the module, in any import order."""
     lines = [json.loads(line) for line in python(_PUBLIC_NAMES, check=True).stdout.splitlines()]
     assert [(code, front) for code, front, _ in lines] == list(product(CODES, FRONTS))
     for code, name, names in lines:
@@ -137,7 +137,7 @@ def test_public_names_equal_the_list():
 
 
 def test_unknown_names_are_refused():
-    """Every public name exists, and other names raise an error."""
+    """Every public name exists, and other names raise an AttributeError."""
     assert set(abfm.__all__) <= set(dir(abfm))
     for name in abfm.__all__:
         found = getattr(abfm, name)

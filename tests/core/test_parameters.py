@@ -105,7 +105,7 @@ def test_stage_sigmas_end_at_given_sigma(sigma, factor):
 
 
 def test_automatic_parameters_are_none():
-    """The number of stages is limited, even if the cooling factor is close to 1."""
+    """Automatic values are None; stages are limited even if the cooling factor is close to 1."""
     p = Parameters()
     assert (p.sigma, p.refine, p.paper.cooling_stages) == (None, None, 0)
     assert Parameters(sigma=2.0).stage_sigmas() == [18.0, 6.0, 2.0]
@@ -146,7 +146,7 @@ def test_table_row_is_as_printed(row, printed):
 
 @pytest.mark.parametrize("row", TABLE_1.values())
 def test_row_is_recognized_by_its_values(row):
-    """A row has the energy of the paper, and is recognised until a value changes."""
+    """A row of Table 1 has the paper's energy, and is recognised until a value changes."""
     p = row.parameters(iterations=7)
     assert (p.solver.order, p.paper.sigma_unit, p.solver.reach, p.solver.levels) == (
         1,

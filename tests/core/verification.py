@@ -21,5 +21,4 @@ def observed_orders(sizes, errors):
 
 
 def near(found, expected, within):
-    """Assert that arrays differ by at most ``within``."""
     np.testing.assert_allclose(found, expected, rtol=0, atol=within)

@@ -22,7 +22,7 @@ from tests.shapes import icosphere, square
     [(coordinates, 1e-4, 0.95, 0.003), (None, 1e-2, 0.65, 0.1)],
 )
 def test_errors_of_a_rotation_converge(wave, smoothness, order, largest):
-    """With one channel, smoothness determines the component along contours."""
+    """The error converges; with one channel, smoothness alone fixes the part along contours."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -43,7 +43,7 @@ def test_constant_field_on_a_flat_patch_is_exact():
 
 
 def test_smooth_fields_cross_an_edge_of_a_fold():
-    """Transport unfolds faces, so a fold does not change a field along the folded sheet."""
+    """A fold does not change the field along the sheet, because transport unfolds faces."""
     x, y = np.mgrid[:9, :9].reshape(2, -1) / 8
     f = np.stack([x, y], axis=1)
     g = f - [0.02, -0.03]

@@ -25,7 +25,6 @@ def pair(name="pair", source=0, target=9, **more):
 
 
 def results(folder):
-    """Return the contents of result files in a folder, by name."""
     return {path.name: path.read_bytes() for path in folder.glob("*.npz")}
 
 

@@ -24,7 +24,7 @@ ROWS = [pair(target=target) for target in (9, 12, 15, 18)]
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """Return the results of a run with one process."""
+    """Return the results of a run with one process, to compare with."""
     folder = tmp_path_factory.mktemp("alone")
     run(ROWS, folder, ONE)
     return results(folder)
@@ -39,7 +39,7 @@ def elsewhere():
 
 
 def test_two_processes_give_equal_files(alone, tmp_path, capfd):
-    """Two processes write the files of one process, although one row kills its process."""
+    """Two processes write the same files as one, although one row kills its process."""
     deadly = Deadly("deadly", pair(target=30).options)
     lost, before = pair("lost", mesh="nowhere.off"), children()
     rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
@@ -56,11 +56,11 @@ def test_two_processes_give_equal_files(alone, tmp_path, capfd):
 
 @pytest.mark.parametrize("is_accessible", [True, False])
 def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_path, monkeypatch):
-    """A cluster writes to an accessible folder, and otherwise sends results back."""
+    """Workers write to a folder they can access; otherwise they send results to the client."""
     (tmp_path / "scheduler.json").write_text(json.dumps(elsewhere.scheduler.identity()))
     cluster = Cluster(scheduler_file=tmp_path / "scheduler.json")
     if not is_accessible:
-        # first the folder is inaccessible, then also the files of rows
+        # first without access to the folder, then also without access to the input files
         monkeypatch.setattr("abfm.batch.attempt.Ledger.is_accessible", lambda *_: False)
         monkeypatch.setattr("abfm.batch.attempt.all", lambda _: False, raising=False)
     entries = run([*ROWS, pair("lost", mesh="nowhere.off")], tmp_path / "out", cluster)
@@ -70,7 +70,7 @@ def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_pa
 
 
 def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatch):
-    """A lost connection is replaced in the next run."""
+    """Consecutive runs use one connection; a lost one is replaced in the next run."""
     made, usual = [], dask_connection._client
     monkeypatch.setattr(
         dask_connection, "_client", lambda *given: made.append(usual(*given)) or made[-1]
@@ -88,7 +88,7 @@ def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatc
 
 
 def test_lost_scheduler_reports_unfinished_rows(elsewhere, tmp_path, capfd):
-    """The error has the number of unfinished rows, and nothing is printed."""
+    """The error names the number of unfinished rows, and nothing is printed."""
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     with raises(ConnectionLostError, 3):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
@@ -109,7 +109,7 @@ def test_cancelled_cluster_run_keeps_finished_rows(elsewhere, tmp_path):
 
 
 def test_missing_scheduler_is_refused(tmp_path):
-    """A missing file, an invalid address and another service raise ResultError."""
+    """A missing file, an invalid address and another service raise a ResultError."""
     with raises(ResultError):
         run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
     with raises(ResultError, "scheduler", "nonsense"):
@@ -123,7 +123,7 @@ def test_missing_scheduler_is_refused(tmp_path):
 
 
 def test_connecting_can_be_cancelled(tmp_path, monkeypatch):
-    """A connection that opens after the cancellation is closed."""
+    """A connection that opens after the cancellation is closed again."""
     control, waited, closed = abfm.workers.Control(), threading.Event(), threading.Event()
 
     def connect(*given, **named):
@@ -154,7 +154,7 @@ def test_unreadable_scheduler_file_is_refused(tmp_path, monkeypatch):
 
 
 def test_waiting_for_workers_is_reported(alone, tmp_path, monkeypatch):
-    """A cluster without workers reports a step until workers connect."""
+    """A cluster without workers has a progress step, which ends when a worker connects."""
     monkeypatch.setattr(dask_connection, "_COUNT_SECONDS", 0.2)
     steps = []
 

@@ -44,7 +44,7 @@ MATCH = {"mesh": "m.off", "source": "curvature:mean", "target": "curvature:mean"
 
 
 def test_digest_of_a_match_is_that_of_its_problem(folder, monkeypatch):
-    """The digest equals that of the problem in Python, in any working folder."""
+    """A row and the same problem in Python have one digest, in any working folder."""
     row = Row("one", OPTIONS, folder)
     monkeypatch.chdir(folder)
     channel = 'file:"g, h.npy"', "curvature:mean"
@@ -70,7 +70,7 @@ def test_digest_depends_on_max_distortion():
 
 
 def test_key_depends_on_contents_and_values_only(folder, tmp_path):
-    """Paths and times of files do not change the key; contents and values do."""
+    """Paths and times of files do not change a row's key; contents and values do."""
     row = Row("one", OPTIONS, folder)
     other = tmp_path / "other"
     shutil.copytree(folder, other)
@@ -89,7 +89,7 @@ def test_key_depends_on_contents_and_values_only(folder, tmp_path):
 
 
 def test_relocated_row_has_the_same_digest(folder, tmp_path):
-    """A row lists its files, and relocated files give the same problem."""
+    """A row lists its files; copies of them elsewhere give the same problem."""
     row = Row("one", OPTIONS, folder)
     names = {"m.off", "f.npy", "g, h.npy", "mask.npy", "map.txt"}
     assert {*row.files()} == {str(folder / name) for name in names}
@@ -105,7 +105,7 @@ def test_relocated_row_has_the_same_digest(folder, tmp_path):
 
 
 def test_companion_files_change_the_key(tmp_path):
-    """Buffers of a glTF file and the vts file of a symmetry are files of the row."""
+    """Buffers of a glTF file and the .vts file of a symmetry belong to the files of a row."""
     (tmp_path / "m.gltf").write_text('{"buffers": [{"uri": "far%20away.bin"}, {"uri": "data:xx"}]}')
     (tmp_path / "far away.bin").write_bytes(b"1")
     (tmp_path / "t.vts").write_text("1\n")

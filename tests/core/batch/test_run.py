@@ -28,7 +28,6 @@ QUICK = Quick("quick", pair().options)
 
 
 def files(folder):
-    """Return the contents of all files in a folder, by relative path."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -58,7 +57,7 @@ def test_worker_without_write_access_sends_its_result(tmp_path, monkeypatch):
 
 
 def test_equal_warnings_are_reported_once(tmp_path):
-    """The ledger stores the warning of each row; the run warns for the first row only."""
+    """The ledger stores the warning of every row, but a run issues equal warnings once."""
     rows = [Warned(f"row {number}", pair(source=number).options) for number in (1, 2)]
     with pytest.warns(AbfmWarning, match="row 1: no value") as caught:
         entries = run(rows, tmp_path, ONE)
@@ -68,10 +67,10 @@ def test_equal_warnings_are_reported_once(tmp_path):
 
 
 def test_products_are_unknown_in_a_shared_process(tmp_path):
-    """The count is None if another row is solved in the same process at that time."""
+    """The count of operator products is None if another row is solved at the same time."""
     folders = [tmp_path / name for name in ("beside", "alone")]
     shared, alone = (WorkItem(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
-    with counted_row_products():  # counts the products of the other row
+    with counted_row_products():
         assert attempt(shared).record.row_products is None
     assert attempt(alone).record.row_products == 0
 
@@ -108,7 +107,7 @@ def done(tmp_path_factory):
 
 
 def test_failed_rows_do_not_stop_others(done):
-    """Each failure has its reason, and equal rows are solved once."""
+    """Each failed row has its reason; equal rows are solved once and share a result."""
     rows, _, entries, changed = done
     assert [entry.row for entry in entries] == rows
     states = {entry.row.name: entry.state for entry in entries}
@@ -119,7 +118,7 @@ def test_failed_rows_do_not_stop_others(done):
     assert "broken.off" in reasons["broken"]
     check_message(reasons["far"], 100000)
     assert not any(reasons[name] for name in states.keys() - failed)
-    assert len(changed) == len(rows) - 1  # equal ones are solved once
+    assert len(changed) == len(rows) - 1  # the two equal rows are solved once
     by_name = {entry.row.name: entry for entry in entries}
     assert by_name["again"].path == by_name["first"].path
     with raises(ResultError, "far"):
@@ -127,7 +126,7 @@ def test_failed_rows_do_not_stop_others(done):
 
 
 def test_processes_persist_between_runs(tmp_path, monkeypatch):
-    """A cancelled run replaces its processes."""
+    """Consecutive runs use the same worker processes; a cancelled run replaces them."""
     made, module = [], sys.modules["abfm.workers.executor"]
     usual, control = module.Worker, abfm.workers.Control()
 
@@ -154,7 +153,7 @@ def test_processes_persist_between_runs(tmp_path, monkeypatch):
 
 
 def test_process_is_replaced_after_an_error(tmp_path, monkeypatch):
-    """An error of ``on_change`` during a cancelled run also replaces the process."""
+    """If ``on_change`` raises during a cancelled run, the worker process is replaced."""
     made, control = [], abfm.workers.Control()
 
     class Here:
@@ -189,7 +188,7 @@ def test_process_is_replaced_after_an_error(tmp_path, monkeypatch):
 
 
 def test_results_equal_direct_solutions(done, tmp_path):
-    """A result equals that of `abfm.match`, and its file is named by its problem."""
+    """A row's result equals that of `abfm.match`; its file has the name of the problem's digest."""
     by_name = {entry.row.name: entry for entry in done[2]}
     match = by_name["first"].load()
     assert by_name["first"].path.name == f"{match.problem.digest}.npz"
@@ -239,7 +238,7 @@ def test_registration_row_equals_register(done, tmp_path):
 
 
 def test_only_missing_results_are_solved_again(done, tmp_path):
-    """A truncated file counts as missing."""
+    """A second run solves rows without a result; a truncated result file counts as none."""
     _, folder, entries, _ = done
     good = [entry.row for entry in entries if entry.state == "done"]
     before = files(folder)
@@ -247,7 +246,7 @@ def test_only_missing_results_are_solved_again(done, tmp_path):
     def refuse(entry):
         raise AssertionError(f"{entry.row.name} is solved again")
 
-    # no connection is opened: there is no such scheduler
+    # nothing is missing, so no connection is opened to this nonexistent scheduler
     again = run(good, folder, Cluster(scheduler="tcp://127.0.0.1:9"), on_change=refuse)
     assert again == [entry for entry in entries if entry.state == "done"]
     assert files(folder) == before
@@ -264,7 +263,7 @@ def test_only_missing_results_are_solved_again(done, tmp_path):
 
 
 def test_damaged_record_keeps_the_result(done):
-    """A row with a damaged record is missing until the next run finds its result."""
+    """If a row's record is damaged, the next run reuses the row's result file."""
     _, folder, entries, _ = done
     ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
     record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
@@ -274,7 +273,7 @@ def test_damaged_record_keeps_the_result(done):
         check_message(ledger.entry(row).reason, "ledger")
     (entry,) = run([row], folder, ONE)
     assert (entry.state, entry.path) == ("done", path)
-    assert path.stat().st_mtime_ns == result  # the result existed and was not solved again
+    assert path.stat().st_mtime_ns == result  # the existing result was not solved again
 
 
 @pytest.mark.parametrize(
@@ -293,7 +292,7 @@ def test_damaged_record_keeps_the_result(done):
     ],
 )
 def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
-    """Records that no run writes are ignored, and cannot refer to other files."""
+    """A record with an invalid field is ignored, so it cannot refer to files elsewhere."""
     row, ledger = done[0][0], Ledger(tmp_path)
     ledger.make()
     place = ledger.records_folder / f"{row.key}.json"
@@ -376,7 +375,7 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
 
 
 def test_stored_rows_are_read(done):
-    """A damaged or missing list of rows raises ResultError."""
+    """The list of rows is read back; a damaged or missing list raises a ResultError."""
     rows, folder, _, _ = done
     ledger = Ledger(folder)
     ledger.write_rows(rows, "a title")
@@ -410,7 +409,7 @@ def test_row_is_attempted_at_most_three_times(tmp_path, monkeypatch):
 
 
 def test_cancelled_run_keeps_finished_rows(tmp_path):
-    """Incomplete files of killed processes are removed."""
+    """A cancelled run keeps its finished rows and removes incomplete files of killed processes."""
     control = abfm.workers.Control()
     rows = [pair(target=target) for target in (9, 12, 15)]
     with temporary_file(tmp_path, ".json") as temporary:
@@ -428,7 +427,7 @@ def test_cancelled_run_keeps_finished_rows(tmp_path):
 
 
 def test_worker_sends_results_and_requests_files(done, tmp_path):
-    """Without access to the folder a worker sends the result; without files it requests them."""
+    """A worker without folder access sends its result; one without input files requests them."""
     _, folder, entries, _ = done
     entry = next(entry for entry in entries if entry.row.name == "own")
     unseen = WorkItem(entry.row, str(folder), "another one")

@@ -40,7 +40,7 @@ def sequence_row(folder, **more):
 
 
 def test_killed_row_resumes_to_equal_bytes(folder):
-    """A cancelled row keeps a checkpoint, which is removed after the result is written."""
+    """A row resumes from its checkpoint, removed at the end, to the bytes of a single run."""
     row, control, uninterrupted, ledger = (
         sequence_row(folder),
         Control(),
@@ -96,7 +96,7 @@ def test_row_equals_sequence_in_python(folder):
 
 
 def test_files_of_a_pvd_series_are_sent(folder):
-    """Files named in a series change the key, and workers receive their contents."""
+    """Files listed in a .pvd series change the row's key, and workers receive their contents."""
     found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
     export_pvd(folder / "s.pvd", found)
     options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame", "sigma": 0.5}

@@ -7,5 +7,4 @@ from tests.core.surfaces import SURFACES
 
 @pytest.fixture(params=SURFACES)
 def mesh(request):
-    """Each kind of surface."""
     return SURFACES[request.param]

@@ -25,7 +25,8 @@ from tests.messages import raises
 from tests.shapes import icosphere, square
 
 TORI = exact.refined(4)
-# Kinks along coarser edges: the bracket has order 1/2 in L2, and 2 against smooth test fields.
+# Icospheres have kinks along edges of coarser levels. Brackets there converge with order 1/2 in
+# L2, and with order 2 if integrated against smooth test fields.
 SPHERES = [icosphere(level) for level in (2, 3, 4)]
 
 
@@ -72,7 +73,10 @@ def second(mesh):
 
 
 def test_bracket_and_its_derivative_converge():
-    """``[first, second] = -cos u cos v d/du - sin v sin u d/dv``, and Eq. 10, in maximum norms."""
+    """The bracket of `first` and `second` and its derivative (Eq. 10) converge to exact ones.
+
+    The exact bracket is ``-cos u cos v d/du - sin v sin u d/dv``.
+    """
     errors = []
     for mesh in TORI:
         answer = exact.face_field(
@@ -101,7 +105,7 @@ def test_jacobi_identity_has_order_one():
 
 
 def test_brackets_of_affine_fields_in_the_plane():
-    """``[d/dx, (x - y) d/dx + x d/dy] = d/dx + d/dy`` away from one-sided averages."""
+    """Away from the boundary, ``[d/dx, (x - y) d/dx + x d/dy] = d/dx + d/dy``."""
     errors = []
     for n in (8, 16, 32):
         mesh = square(n)
@@ -115,7 +119,7 @@ def test_brackets_of_affine_fields_in_the_plane():
 
 
 def test_rotations_of_the_sphere():
-    """``[R_x, R_y] = -R_z`` by Eq. 10: minus the cross product of the axes."""
+    """``[R_x, R_y] = -R_z`` by Eq. 10: minus the rotation about the cross product of the axes."""
     errors, weak = [], []
     for mesh in SPHERES:
         r_x, r_y, r_z = (rotation_field(mesh, axis) for axis in np.eye(3))
@@ -141,7 +145,7 @@ def rotated_field(mesh, angle):
 
 @pytest.mark.parametrize("t", [0.25, -0.25, 1.0])
 def test_pushforward_rotates_fields_with_the_sphere(t):
-    """The minus sign matters: ``exp(t ad_v)``, the pushforward for ``-t``, rotates them back."""
+    """``exp(-t ad_v)`` rotates a field with the sphere by t, and ``exp(t ad_v)`` by -t."""
     errors = []
     for mesh in SPHERES:
         spin, field = rotation_field(mesh, [1, 0, 0]), rotated_field(mesh, 0.0)
@@ -156,7 +160,7 @@ def test_pushforward_rotates_fields_with_the_sphere(t):
 
 
 def test_pushforward_has_order_one():
-    """A torus is rotated about its axis by half a radian."""
+    """On a torus rotated about its axis by half a radian, the pushforward has order 1."""
     errors = []
     for mesh in TORI[:3]:
         spin = exact.face_field(mesh, lambda u, v: 1.0, lambda u, v: 0 * u)
@@ -169,7 +173,7 @@ def test_pushforward_has_order_one():
 
 
 def test_pullback_undoes_the_pushforward(mesh):
-    """The flow of a field maps the field to itself."""
+    """The pullback inverts the pushforward, and the flow of a field preserves this field."""
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
     pushed = pushforward(mesh, v, u, 0.3)
     close(pushforward(mesh, v, pushed, -0.3), u, abs(pushed).max())
@@ -179,7 +183,7 @@ def test_pullback_undoes_the_pushforward(mesh):
 
 
 def test_pushforward_starts_with_the_bracket():
-    """``d/dt exp(-t ad_v) u = -[v, u]`` at 0."""
+    """At t = 0, ``d/dt exp(-t ad_v) u = -[v, u]``."""
     mesh = SURFACES["torus"]
     v, u, t = wavy_field(mesh, 1), wavy_field(mesh, 2), 1e-5
     slope = (pushforward(mesh, v, u, t) - pushforward(mesh, v, u, -t)) / (2 * t)
@@ -213,7 +217,7 @@ def test_exponential_equals_dense_exponential_of_scipy(t):
 
 
 def test_exponentials_of_special_matrices():
-    """A rotation by 100 rad takes 25 steps; nilpotent and zero matrices are exact."""
+    """Exponentials are exact for a rotation by 100 rad (25 steps), nilpotent and zero matrices."""
     turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
     found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)
     near(found, [np.cos(100), np.sin(100)], 1e-13)

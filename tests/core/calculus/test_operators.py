@@ -34,7 +34,7 @@ def close(actual, expected, scale=None):
 
 
 def relative_size(matrix, *factors):
-    """Return the largest entry of a product relative to that without cancellation."""
+    """Return the largest entry of a matrix product, relative to that of the absolute values."""
     bound = abs(factors[0])
     for factor in factors[1:]:
         bound = bound @ abs(factor)
@@ -42,7 +42,7 @@ def relative_size(matrix, *factors):
 
 
 def test_frames_are_right_handed_and_rotate_by_90_degrees(mesh):
-    """Frames are orthonormal and tangent."""
+    """The two axes of a face's frame and its normal are orthonormal and right-handed."""
     frames, normals = op.face_frames(mesh), op.face_normals(mesh)
     close(np.einsum("fkx,flx->fkl", frames, frames), np.tile(np.eye(2), (len(frames), 1, 1)))
     close(np.cross(frames[:, 0], frames[:, 1]), normals)
@@ -77,7 +77,7 @@ def test_libigl_agrees(mesh):
 
 
 def test_averaging_preserves_constants(mesh):
-    """It is the adjoint of the mean over corners."""
+    """Averaging to vertices preserves constants and is the adjoint of the mean over corners."""
     average, ones = op.averaging(mesh), np.ones(len(mesh.vertices))
     close(average @ np.ones(len(mesh.faces)), ones)
     h = np.random.default_rng(1).normal(size=len(mesh.faces))
@@ -88,7 +88,7 @@ def test_averaging_preserves_constants(mesh):
 
 
 def test_divergence_and_curl_are_adjoint_to_the_gradients(mesh):
-    """They satisfy ``<f, div v> = -<grad f, v>`` and ``<f, curl v> = -<J grad f, v>``."""
+    """``<f, div v> = -<grad f, v>`` and ``<f, curl v> = -<J grad f, v>``."""
     v, f, mass = random_field(mesh), surfaces.random_function(mesh), op.field_mass(mesh)
     h = np.random.default_rng(1).normal(size=len(mesh.edges))
     slope, edge_slope = op.gradient(mesh) @ f, op.edge_gradient(mesh) @ h
@@ -103,7 +103,7 @@ def test_divergence_and_curl_are_adjoint_to_the_gradients(mesh):
 
 
 def test_gradients_have_no_curl(mesh):
-    """Rotated gradients have no divergence, nor at edges if functions vanish on the boundary."""
+    """Gradients have no curl; rotated ones no divergence, if functions are 0 on the boundary."""
     inner = ~mesh.is_boundary_vertex
     gradient, turned = op.gradient(mesh), op.rotation(mesh) @ op.gradient(mesh)
     for operator, field in ((op.curl(mesh), gradient), (op.divergence(mesh), turned)):
@@ -140,7 +140,7 @@ def test_hodge_spectrum_combines_two_scalar_spectra(mesh):
 
 
 def test_function_norm_is_the_integral(mesh):
-    """It is ``int w f^2 + beta w |grad f|^2``; a face has the smallest weight of its corners."""
+    """It is ``int w f^2 + beta w |grad f|^2``; a face has the least weight of its corners."""
     f, w = surfaces.random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
     squared_slope = ((op.gradient(mesh) @ f).reshape(-1, 2) ** 2).sum(axis=1)
     for weight, at_vertices, at_faces in ((None, 1.0, 1.0), (w, w, w[mesh.faces].min(axis=1))):
@@ -153,7 +153,7 @@ def test_function_norm_is_the_integral(mesh):
 
 
 def test_vector_norm_is_the_integral(mesh):
-    """It is ``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, at edges and inner vertices."""
+    """``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, by edges and inner vertices."""
     v, inner = random_field(mesh), ~mesh.is_boundary_vertex
     expected = v @ (op.field_mass(mesh) @ v)
     expected += 0.3 * (op.edge_areas(mesh) * (surfaces.edge_divergence(mesh) @ v) ** 2).sum()
@@ -245,7 +245,7 @@ def test_vertex_values_have_order_two(values, answer):
 
 
 def test_derivative_on_the_sphere_has_order_1_5():
-    """The order is below 2, as icospheres have kinks along the edges of coarser levels."""
+    """The order of the derivative's error is between 1.5 and 2, as icospheres have kinks."""
 
     def field_at(points):
         x, y, z = points.T
@@ -280,7 +280,7 @@ def hodge_parts(mesh):
 
 @pytest.mark.parametrize("part", [0, 1], ids=["curl-free", "divergence-free"])
 def test_hodge_eigenvalues_of_the_unit_sphere(part):
-    """They are 2, 6, 12 with multiplicities 3, 5, 7 in both parts, with order 2."""
+    """Both Hodge parts have eigenvalues 2, 6, 12 of multiplicity 3, 5, 7, with order 2."""
     answer = np.repeat([2, 6, 12], [3, 5, 7])
     errors = []
     for mesh in SPHERES:
@@ -293,7 +293,7 @@ def test_hodge_eigenvalues_of_the_unit_sphere(part):
 
 
 def test_hodge_eigenvalues_of_the_unit_square():
-    """With ``v . n = 0``: pi^2 twice, 2 pi^2 of ``cos cos`` and of rotated ``sin sin``."""
+    """With ``v . n = 0``, two eigenvalues are pi^2 and two 2 pi^2, with order 2."""
     errors = []
     for n in (8, 16, 32):
         curl_free, divergence_free = (lowest(*part, 4) for part in hodge_parts(square(n)))
@@ -303,7 +303,7 @@ def test_hodge_eigenvalues_of_the_unit_square():
 
 
 def test_lowest_field_of_the_square_has_no_boundary_flux():
-    """Its eigenvalue is pi^2."""
+    """The field of the lowest eigenvalue, pi^2, has a boundary flux that converges to 0."""
     flux = []
     for n in (8, 16, 32):
         mesh = square(n)

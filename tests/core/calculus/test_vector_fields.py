@@ -27,7 +27,7 @@ def close(actual, expected, scale=1.0):
 
 
 def test_frame_coefficients_of_several_fields_at_once(mesh):
-    """They represent the tangential parts of vectors in space."""
+    """Coefficients in frames represent the tangential parts of several fields in space."""
     fields = np.random.default_rng(0).normal(size=(3, len(mesh.faces), 3))
     coefficients = vf.to_frame(mesh, fields)
     for field, part in zip(fields, coefficients, strict=True):
@@ -38,7 +38,7 @@ def test_frame_coefficients_of_several_fields_at_once(mesh):
 
 
 def test_derivative_equals_its_definition(mesh):
-    """It is the mean of ``<v, grad f>`` over the adjacent faces, weighted with areas."""
+    """``D_v f`` is the area-weighted mean of ``<v, grad f>`` over the faces at a vertex."""
     v, f = random_frame_field(mesh), surfaces.random_function(mesh)
     slope = vf.to_ambient(mesh, (op.gradient(mesh) @ f).reshape(-1, 2))
     on_faces = (vf.to_ambient(mesh, v) * slope).sum(axis=1)
@@ -83,7 +83,7 @@ def test_divergence_free_fields_preserve_integral_and_norm(name):
 
 
 def test_rotation_of_the_sphere_rotates_linear_functions():
-    """It is ``D_v z = (e_x cross p)_z = y`` for the rotation about x."""
+    """For the rotation about x, ``D_v z = (e_x cross p)_z = y``, with order above 1.5."""
     errors = []
     for mesh in map(icosphere, (2, 3, 4)):
         derivative = vf.directional_derivative(
@@ -125,7 +125,7 @@ def random_field(mesh, seed=0):
 
 
 def test_hodge_parts_are_orthogonal_projections(mesh):
-    """They sum to the field without its normal part."""
+    """The three Hodge parts are orthogonal projections; their sum is the tangential field."""
     v, mass = random_field(mesh), op.field_mass(mesh)
     parts = vf.helmholtz_hodge(mesh, v)
     near(sum(parts), v, 1e-14)
@@ -153,7 +153,7 @@ def test_harmonic_parts_span_one_dimension_per_loop(name):
 
 
 def test_parts_of_gradient_and_rotation_on_the_sphere():
-    """They are separated with order 1, as piecewise constant fields jump."""
+    """The gradient part and the rotation part of a sum are recovered with order 1."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -168,7 +168,7 @@ def test_parts_of_gradient_and_rotation_on_the_sphere():
 
 
 def test_harmonic_fields_of_the_torus():
-    """The fields ``ring^-2 d/du`` and ``ring^-1 d/dv`` have neither divergence nor curl."""
+    """The fields ``ring^-2 d/du`` and ``ring^-1 d/dv`` converge to zero divergence and curl."""
     errors = []
     for mesh in exact.refined(3):
         harmonic = exact.face_field(
@@ -181,7 +181,7 @@ def test_harmonic_fields_of_the_torus():
 
 
 def test_gradient_takes_the_flux_through_the_boundary():
-    """On a disc a constant field is a gradient, and a rotation is tangent to the boundary."""
+    """On a disc, a constant field is a gradient; a rotation has only a divergence-free part."""
     mesh = disc(8)
     constant = np.broadcast_to([1.0, 0.5, 0], (len(mesh.faces), 3))
     np.testing.assert_allclose(vf.helmholtz_hodge(mesh, constant)[0], constant, atol=1e-12)
@@ -193,7 +193,7 @@ def test_gradient_takes_the_flux_through_the_boundary():
 
 
 def test_pinched_surfaces_are_decomposed():
-    """Two ellipsoids share a vertex, so edge functions have a free constant on each."""
+    """Two ellipsoids that share a vertex have no harmonic part, and the other parts add up."""
     one = surfaces.SURFACES["ellipsoid"]
     count, tip = len(one.vertices), int(np.argmax(one.vertices[:, 0]))
     vertices = np.concatenate([one.vertices, 2 * one.vertices[tip] - one.vertices])
@@ -213,13 +213,13 @@ def up_to_scale(mesh, found, answer):
 
 
 def roughness(mesh, u):
-    """Return the Hodge energy times the area over the squared norm."""
+    """Return the Hodge energy of a field times the area, over its squared L2 norm."""
     c, area = vf.to_frame(mesh, u).ravel(), op.face_areas(mesh).sum()
     return area * (c @ (op.hodge_laplacian(mesh) @ c)) / (c @ (op.field_mass(mesh) @ c))
 
 
 def test_torus_rotation_commutes_with_a_harmonic_field():
-    """The harmonic field runs around the tube."""
+    """The field that commutes with the rotation runs around the tube."""
     errors, brackets = [], []
     for mesh in exact.refined(3, 16):
         v = rotation_field(mesh, [0, 0, 1])
@@ -233,7 +233,7 @@ def test_torus_rotation_commutes_with_a_harmonic_field():
 
 
 def test_sphere_rotation_commutes_with_an_axial_gradient():
-    """Both fields are conformal; other orthogonal fields do not commute with the rotation."""
+    """The gradient along the axis commutes with a rotation ten times better than other fields."""
     errors, brackets = [], []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -245,11 +245,14 @@ def test_sphere_rotation_commutes_with_an_axial_gradient():
         others = vf.commuting_fields(mesh, v, 5, weight=0)
         assert max(vf.relative_bracket(mesh, v, u) for u in others) > 10 * brackets[-1]
     assert errors[-1] < 0.05
-    assert surfaces.last_order(brackets) > 0.4  # icospheres: see test_lie_bracket
+    assert surfaces.last_order(brackets) > 0.4  # on icospheres, see test_lie_bracket
 
 
 def test_smoother_fields_that_do_not_commute_are_rejected():
-    """On a flat spheroid the smoothest fields rotate about, or point along, horizontal axes."""
+    """On a flat spheroid, the chosen field is rougher than the smoothest one, but commutes better.
+
+    The smoothest fields rotate about horizontal axes or point along them.
+    """
     mesh = ellipsoid(3, 1.2, 1.2, 0.6)
     v = rotation_field(mesh, [0, 0, 1])
     (smoothest,), (u,) = vf.commuting_fields(mesh, v, weight=0), vf.commuting_fields(mesh, v)
@@ -260,7 +263,7 @@ def test_smoother_fields_that_do_not_commute_are_rejected():
 
 
 def test_multiples_by_stream_functions_commute():
-    """For the rotated gradient ``v`` of ``f``, ``[v, h(f) v] = 0``; other fields do not commute."""
+    """The field that commutes with the rotated gradient ``v`` of ``f`` is a multiple ``h(f) v``."""
     brackets = []
     for level in (2, 3):
         mesh = ellipsoid(level, 1.0, 0.7, 1.6)
@@ -276,7 +279,7 @@ def test_multiples_by_stream_functions_commute():
 
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "cylinder"])
 def test_commuting_fields_agree_with_a_dense_eigensolver(name):
-    """The dense problem uses an orthonormal basis of the complement of ``v``."""
+    """The dense problem uses an orthonormal basis of the complement of the given field."""
     mesh = surfaces.SURFACES[name]
     v, mass = wavy_field(mesh, 1), op.field_mass(mesh).toarray()
     c, weight = vf.to_frame(mesh, v), 7.0 / surfaces.norm(mesh, v) ** 2 * op.face_areas(mesh).sum()
@@ -298,7 +301,7 @@ def test_commuting_fields_agree_with_a_dense_eigensolver(name):
 
 
 def test_commuting_fields_follow_changes_of_the_mesh():
-    """They rotate, scale and are renumbered with the mesh, and ignore normal parts."""
+    """Commuting fields rotate, scale and are renumbered with the mesh; normal parts are ignored."""
     mesh = ellipsoid(2, 1.0, 0.7, 1.6)
     v = wavy_field(mesh, 1)
     (u,) = vf.commuting_fields(mesh, v)
@@ -318,7 +321,7 @@ def test_commuting_fields_follow_changes_of_the_mesh():
 
 
 def test_larger_weights_give_smaller_brackets():
-    """The fields become rougher."""
+    """A larger weight gives a field with a smaller bracket that is rougher."""
     mesh = torus(24, 12)
     v = wavy_field(mesh, 2)
     found = [vf.commuting_fields(mesh, v, weight=weight)[0] for weight in (0, 1, 10, 100)]

@@ -32,12 +32,11 @@ ran = cache(run)
 
 
 def values(findings):
-    """Return measured numbers by name."""
     return {measure.name: measure.value for measure in findings.measures}
 
 
 def value(findings, *words):
-    """Return the only number whose name contains all of these words."""
+    """Return the only measured number whose name contains all of these words."""
     [found] = [x for name, x in values(findings).items() if all(word in name for word in words)]
     return found
 

@@ -37,13 +37,13 @@ ANY = pytest.mark.parametrize(
 
 @pytest.mark.parametrize("mesh", [ellipsoid(2, 1, 0.7, 0.5), torus(24, 12), open_cylinder(20, 10)])
 def test_stream_field_is_divergence_free_and_tangent(mesh):
-    """The field also has the requested RMS speed."""
+    """The field of a stream function is tangent, has no divergence, and the requested RMS speed."""
     field = stream_field(mesh, MODES, 0.3)
     assert root_mean_square(mesh, field) == pytest.approx(0.3 * mesh.length_scale)
     coefficients = np.einsum("fx,fkx->fk", field, op.face_frames(mesh))
     divergence = edge_divergence(mesh) @ coefficients.ravel()
     assert np.abs(divergence).max() < 1e-9 * np.abs(field).max() / mesh.length_scale
-    faces = mesh.edge_faces[mesh.is_boundary_edge, 0]  # the cylinder's: circles about z
+    faces = mesh.edge_faces[mesh.is_boundary_edge, 0]  # on a cylinder: circles about z
     assert np.abs(field[faces, 2]).max(initial=0) < 1e-9
 
 
@@ -56,7 +56,7 @@ def test_flow_lines_are_level_lines_of_stream_function():
 
 
 def test_meshes_of_figures_are_valid():
-    """A mesh without interior vertices has no tangent divergence-free field."""
+    """The bundled meshes are closed and even; a mesh without interior vertices has no field."""
     body, eight = five_limbs(500), loop_subdivided("eight.off", 1)
     assert (len(body.vertices), body.genus, body.is_closed) == (500, 0, True)
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
@@ -79,7 +79,7 @@ class TestFigure2:
         assert fine < coarse / 2.5
 
     def test_zero_field_has_no_difference(self):
-        """Another mesh may have a boundary."""
+        """Without motion, the two methods agree; figure 2 also runs on a mesh with a boundary."""
         mesh = torus(12, 8)
         flow = Flow(mesh, np.zeros((len(mesh.faces), 3)))
         still = differences(flow, function(mesh, "coordinate:x"), np.array([0.5, 1.0]))
@@ -92,7 +92,7 @@ class TestFigure2:
 
 
 class TestFigure4:
-    """Linear steps oscillate for long times, the exponential does not."""
+    """For long times the linear steps oscillate, whereas the exponential does not."""
 
     def test_linear_steps_overshoot_and_converge(self):
         found = values(ran(4)[1])
@@ -136,7 +136,7 @@ class TestFigure4:
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
     def test_number_of_steps_bounds_oscillations(self):
-        """A step h amplifies frequency w by ``sqrt(1 + (h w)^2)``, all steps by a million."""
+        """A step h grows frequency w by ``sqrt(1 + (h w)^2)``, all steps by at most a million."""
         mesh = ellipsoid(3, 1, 0.7, 0.5)
         uneven = TriangleMesh(mesh.vertices * (0.02 + mesh.vertices[:, :1] ** 2) ** 0.5, mesh.faces)
         example, findings = run(4, uneven)
@@ -145,7 +145,7 @@ class TestFigure4:
         )
         exact = np.abs(np.linalg.eigvals(derivative.toarray())).max()
         steps = steps_taken(findings)
-        assert steps > 40  # more than the minimum of one step between two times
+        assert steps > 40  # at least one step between two times is always taken
         assert np.sqrt(2 * np.log(1e6) * steps) == pytest.approx(example.flow.tau * exact, rel=0.1)
 
 
@@ -181,7 +181,7 @@ class TestFigure5:
         assert value(findings, name, "exchanged") < 0.02
 
     def test_exact_solution_is_gradient_of_eigenfunction(self):
-        """On the surface of revolution, the 1D eigenvalue and slopes equal those of the mesh."""
+        """On a surface of revolution, the exact field is the gradient of an eigenfunction."""
         eigenvalue_errors, field_errors = [], []
         for case in figure_05.known_cases((1, 2))[0]:
             mesh = case.mesh
@@ -252,7 +252,7 @@ class TestFigure6:
 
     @pytest.mark.parametrize("index", range(3), ids=names)
     def test_exact_fields_solve_the_pushforward_equation(self, index):
-        """``d/dt u = -[v, u]`` holds, and the exact fields are periodic."""
+        """The exact fields satisfy ``d/dt u = -[v, u]`` and are periodic in time."""
         levels = figure_06.known_cases((1, 2))[index]
         case = levels[0]
         assert_array_equal(case.exact(0.0), case.u)
@@ -267,7 +267,7 @@ class TestFigure6:
 
     @ANY
     def test_pushed_fields_differentiate_advected_functions(self, mesh):
-        """The identity holds on any mesh."""
+        """Pushed fields commute with advection twice as well as those of the printed sign."""
         example, findings = run(6, mesh)
         for t in ("0.125", "0.25"):
             ours, printed = (

@@ -28,7 +28,7 @@ class TestFigures1And3:
         return ran(request.param)
 
     def test_source_and_target_have_equal_mass(self, default_figure):
-        """The target is at the other end of the surface."""
+        """Source and target have equal mass and lie at opposite ends of the surface."""
         problem = default_figure[0].problem
         f, g = problem.source[:, 0], problem.target[:, 0]
         areas = vertex_areas(problem.mesh)
@@ -59,7 +59,7 @@ class TestFigures1And3:
         assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
 
     def test_sheet_has_the_frames_of_the_paper(self, default_figure):
-        """All methods are shown at the same times."""
+        """The sheet shows all methods at the same times, those of the paper."""
         example, findings = default_figure
         first, *methods = findings.sheet.rows
         assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
@@ -107,7 +107,7 @@ class TestFigure7:
         length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
         assert (length, step, rise) == pytest.approx((1, 1, 1))
         assert turn < 1e-12
-        # the path reverses its direction, which is a change of two steps
+        # a path that reverses changes its velocity by two steps
         path = np.array([1, 2, 3, 2, 1])[:, None] * self.x
         turn = smoothness(self.mesh, path, self.x)[2]
         assert turn.value == pytest.approx(2)
@@ -135,7 +135,7 @@ class TestFigure8:
         assert 0.1 < share < 1
         assert rate_error < min(0.1, field_error)
         assert max(largest, mismatch) < 0.02
-        assert max(verification) < 0.1  # by flow lines, on the subdivided mesh; folded faces
+        assert max(verification) < 0.1
         example = stated(8, torus(24, 12))
         assert np.abs(example.problem.target - example.problem.source).max() > 0.3
         assert example.flow is None
@@ -177,7 +177,7 @@ def found():
 
 
 def test_measures_equal_the_verification(found, monkeypatch):
-    """An overflow on the subdivided mesh is reported."""
+    """Figures report the residual and folded faces of the verification; an overflow is noted."""
     verification = found.verify()
     measures, label, note = verification_measures(found)
     assert [measure.value for measure in measures] == [

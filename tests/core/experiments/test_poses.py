@@ -24,20 +24,18 @@ SMALL = FigureSetup(small=True)
 
 
 def compared(poses, problem):
-    """Return the comparison of all methods; solve the requested matches, if there are any."""
+    """Return the comparison of all methods; solve the matches that a figure requests."""
     script = maps.compare(poses, problem, SMALL)
     return findings_of(script, SMALL.match(next(script)))
 
 
 @pytest.fixture(scope="module")
 def poses():
-    """Return the bundled humans."""
     return maps.Poses.of(SMALL)
 
 
 @pytest.fixture(scope="module")
 def comparison(poses):
-    """Return the comparison of figures 12 and 13."""
     return compared(poses, ran(12)[0].problem)
 
 
@@ -70,7 +68,7 @@ def test_targets_are_smoother_than_sources():
 
 
 def test_exact_coordinates_give_the_identity(poses):
-    """A zero flow leaves the initial map unchanged."""
+    """Exact coordinates give the identity as initial map, and a zero flow does not change it."""
     still = maps.with_flow_lines(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
     found = maps.closest_points(poses, maps.coordinates(poses.a))
@@ -81,7 +79,7 @@ def test_exact_coordinates_give_the_identity(poses):
 
 
 def test_truncated_coordinates_are_projections():
-    """Coordinates do not depend on unit and position."""
+    """Truncated coordinates are projections, independent of the unit and position of the mesh."""
     mesh = ellipsoid(3, 1, 1.2, 2)
     moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
     assert_allclose(maps.coordinates(moved), maps.coordinates(mesh), atol=1e-12)
@@ -124,7 +122,7 @@ def test_zero_flow_gives_the_maps_without_flow(poses):
 
 
 def test_figure_13_measures_the_effect_of_the_flow(comparison):
-    """Curves increase from 0 to at most 100%."""
+    """The effect is the difference of mean errors; curves rise, within 0 to 100% of vertices."""
     findings = ran(13)[1]
     measured = values(findings)
     targets = map_accuracy(comparison.maps[maps.TARGETS], most=1500).mean

@@ -40,7 +40,7 @@ def test_targets_are_symmetric_images_of_sources():
 
 
 def test_flow_reaches_the_rotation():
-    """One function, no cooling and mirrors have larger errors."""
+    """The map error is below 2% of sqrt(area); with one Gaussian, or to a mirror, it is larger."""
     findings = ran(9)[1]
     found = values(findings)
     assert found[ERROR] < 0.02
@@ -73,7 +73,7 @@ def test_mesh_without_symmetry_is_refused(figure, mesh):
 
 
 def test_geodesics_are_angles_on_a_sphere():
-    """Geodesics are never shorter than straight lines."""
+    """Geodesic distances on a unit sphere are angles, and never shorter than straight lines."""
     mesh = sphere(3)
     vertices, angles = np.array([0, 5, 7, 9]), np.array([0.0, 0.01, 0.5, 2.0])
     x = mesh.vertices[vertices]
@@ -125,7 +125,7 @@ def test_mirror_precedes_orientation_reversing_rotation():
 
 
 def test_smooth_mesh_is_rotated():
-    """A mesh without interior edges has no creases."""
+    """A torus is rotated by 180 degrees; a single triangle has no edges with a crease."""
     assert "rotation by 180 degrees" in run(10, torus(24, 10))[1].setting
     alone = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     assert values(run(10, alone)[1])[f"edges with an {CREASES}"] == 0

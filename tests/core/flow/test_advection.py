@@ -62,7 +62,7 @@ def test_long_times_and_growing_flows_are_split():
 
 
 def test_rotation_advects_with_order_two():
-    """A quarter turn about z moves the bump at x to y; points come from a quarter turn back."""
+    """A quarter turn about z moves a bump from x to y; values come from a quarter turn back."""
     sizes, functions, points = [], [], []
     for level in (3, 4, 5):
         mesh = icosphere(level)
@@ -79,7 +79,7 @@ def test_rotation_advects_with_order_two():
 
 
 def test_times_add_up_and_negative_times_undo_the_flow():
-    """Constants do not change."""
+    """Flows of consecutive times add up, negative times undo them, and constants never change."""
     for mesh in (MESHES["genus 1"], BALL):
         v, f = wavy_field(mesh, 3), bump(mesh, mesh.vertices[50], 0.2)
         flow = Flow(mesh, v, 0.8)
@@ -116,7 +116,7 @@ def test_stored_and_recomputed_terms_give_equal_derivatives():
 
 
 def reference_state(mesh, fields, f, tau, method, t):
-    """Return the function at a time, step by step with SciPy."""
+    """Return the function at a time, computed step by step with SciPy's exponential."""
     step, sign, remaining = tau / len(fields), np.sign(t), abs(t)
     steps = []
     while remaining > 1e-14:
@@ -131,7 +131,7 @@ def reference_state(mesh, fields, f, tau, method, t):
 @pytest.mark.parametrize(("method", "within"), [("nonlinear", 1e-8), ("linearised", 1e-12)])
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_times_inside_after_and_before_the_fields(method, within, count):
-    """N fields share the time, the last continues, and steps may be partial."""
+    """N fields share the time tau equally; outside of it the first or last one continues."""
     fields = 0.2 * np.stack([wavy_field(UNIT, seed) for seed in range(count)])
     frames, f = to_frame(UNIT, fields), bump(UNIT, UNIT.vertices[0], 0.2)[:, None] ** [1, 2]
     times = np.array([0.0, 0.13, -0.2, 0.5, 1.0, 1.7, -1.0, 0.25, -1.3])
@@ -144,7 +144,7 @@ def test_times_inside_after_and_before_the_fields(method, within, count):
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
 def test_negligible_values_count_as_zero(size):
-    """The threshold is relative to the largest value."""
+    """Values that are negligible relative to the largest one count as zero."""
     v, large = wavy_field(BALL, 2), np.where(BUMP > 0.1, size * BUMP, 0.0)
     traces = np.where(BUMP > 0.1, 0.0, 1e-130 * size)
     expected = advect(BALL, v, large, 0.7)
@@ -227,7 +227,7 @@ def differentiated(mesh, v, tau, tolerance, f):
 
 
 def test_sweeps_of_several_terms_change_nothing(monkeypatch):
-    """Large meshes have blocks of rows, compared here with one block."""
+    """Large meshes are swept in blocks of rows; the result equals that of one block."""
     mesh, results = torus(60, 30), []
     v, f = to_frame(mesh, wavy_field(mesh, 1))[None], bump(mesh, mesh.vertices[5], 0.2)
     for least in (10**9, 0):
@@ -242,7 +242,7 @@ def test_sweeps_of_several_terms_change_nothing(monkeypatch):
 
 
 def test_scarce_memory_does_not_change_the_result(monkeypatch):
-    """Segments are short and their terms are recomputed."""
+    """With little memory, terms are recomputed in short segments, with the same result."""
     v, f = to_frame(UNIT, wavy_field(UNIT, 1))[None], np.random.default_rng(2).normal(size=642)
     results = []
     for memory in (70_000_000, 70 * len(f)):
@@ -256,8 +256,9 @@ def test_scarce_memory_does_not_change_the_result(monkeypatch):
 
 
 def test_many_times_leave_no_large_cache_on_the_mesh():
+    """A flow at many times leaves no large arrays in the cache of the mesh."""
     times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
-    Flow(BALL, field).push(BUMP, times)  # compiles the kernels
+    Flow(BALL, field).push(BUMP, times)  # compiles the kernels, so that only the flow is measured
     mesh = icosphere(3, radius=2.0)
     tracemalloc.start()
     try:

@@ -10,7 +10,6 @@ from tests.shapes import icosphere, square
 
 
 def tangential(mesh, vectors):
-    """Return vectors on faces without their normal parts."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -49,7 +48,7 @@ def test_linear_fields_of_the_plane_are_exact_inside():
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
 def test_geodesics_of_the_plane_are_straight(scale):
-    """They end where the vectors do, or are marked if they meet the boundary."""
+    """A geodesic ends where its vector does; if it meets the boundary, it is marked."""
     plane = square(9)
     mesh = type(plane)(scale * plane.vertices, plane.faces)
     start = points_by_area(mesh, 300)

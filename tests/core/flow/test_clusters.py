@@ -110,7 +110,7 @@ def test_clusters_are_connected_and_have_usual_rates(mesh):
 
 
 def test_vertices_inside_subdivided_slivers_are_joined():
-    """Longer edges join them."""
+    """Clusters of subdivided slivers have rates below 5 times the median, not above 50 times."""
     mesh = refined(load_mesh(asset_path("human_A.off")), 2)
     rates = cluster_rates(mesh, singles(mesh))
     assert rates.max() > 50 * np.median(rates)
@@ -157,7 +157,10 @@ def fields(mesh, count):
 
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
 def test_rates_bound_the_rows_of_the_operator(kind):
-    """An entry is linear in the field: at most the norm of its values for both axes."""
+    """A rate is at least the absolute row sum of the operator, for any directions of the field.
+
+    Its summands are norms of the entries for both axes, since entries are linear in the field.
+    """
     mesh = knotted(square(9), 1, 0.05)
     clusters = some_clusters(mesh, kind)
     found, expected = cluster_rates(mesh, clusters), 0
@@ -176,7 +179,7 @@ def test_rates_bound_the_rows_of_the_operator(kind):
 @uneven
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
 def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
-    """Entries, products and chain rule are compared with sparse products."""
+    """Entries, products and the chain rule of the pattern equal those of sparse matrices."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
     monkeypatch.setattr("abfm.flow.derivative.vertex_clusters", lambda _: clusters)
@@ -184,7 +187,7 @@ def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
     v, w = (to_frame(mesh, wavy_field(mesh, seed)) for seed in (0, 1))
     P, R, D = clustered_operator(mesh, clusters, v)
     values, largest, starts = pattern.values(v), abs(D).max(), 7 * pattern.indptr.astype(int)
-    # of clusters in the pattern's order
+    # cluster numbers in the order of the pattern
     places = pattern.rank[np.unique(clusters, return_index=True)[1]]
     for entries, matrix in ((values, D), (pattern.transposed(values), D.T)):
         built = sparse.csr_array((entries.ravel(), pattern.indices.ravel(), starts))
@@ -205,7 +208,7 @@ def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
 @uneven
 @pytest.mark.parametrize("t", [0.0, 1.0, -3.0])
 def test_clustered_flow_equals_exponential_of_scipy(name, t):
-    """Forward, at several times, and the adjoint; constants do not change."""
+    """The clustered flow, at several times, and its adjoint equal SciPy's exponential."""
     mesh = UNEVEN[name].normalized()
     v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
     P, R, D = clustered_operator(mesh, vertex_clusters(mesh), v)
@@ -222,7 +225,7 @@ def test_clustered_flow_equals_exponential_of_scipy(name, t):
 
 
 def energy(mesh, channels=1, **changes):
-    """Return an energy, with a mask and weights if there are several channels."""
+    """Return an energy; several channels have a mask and weights."""
     at = np.array([0, 40, 80])[:channels]
     f, g = (np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in at + k], axis=1) for k in (0, 17))
     defaults = {**PAPER, "alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
@@ -250,7 +253,7 @@ def test_gradient_is_exact(name, channels, segments, reach):
 
 @uneven
 def test_energy_equals_that_of_the_clustered_flow(name):
-    """SciPy advects along one field after the other; norms are those of the mesh itself."""
+    """The energy has the mismatch of the clustered flow by SciPy, with the norms of the mesh."""
     plain, v = energy(UNEVEN[name], 3, segments=2), fields(UNEVEN[name], 2)
     E, clusters = plain.clustered(), vertex_clusters(plain.mesh)
     state = plain.functions.source.T
@@ -297,7 +300,7 @@ def matched(end=None, **changes):
 
 
 def test_match_starts_with_clusters():
-    """Repeated matches are equal, and a cancelled one reports the residual on the mesh itself."""
+    """A match begins on clusters; if cancelled, its residual is that on the mesh itself."""
     (found, *record), (again, *other) = matched(), matched.__wrapped__()
     assert record == other
     np.testing.assert_array_equal(again.velocity, found.velocity)
@@ -323,7 +326,7 @@ def test_some_matches_have_no_clusters(changes):
 
 
 def test_clusters_are_a_level_before_the_mesh():
-    """They have the same fields; the last level may cost about twice as much as before."""
+    """The level of clusters precedes the mesh's level, and both have the same fields."""
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
     found = Levels.of_mesh(E).with_coarser().all
     assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]

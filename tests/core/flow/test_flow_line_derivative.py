@@ -32,7 +32,6 @@ def fields(mesh, count, seed, speed=0.3):
 
 
 def outwards(mesh, count):
-    """Return fields that lead to the boundary."""
     away = mesh.vertices[mesh.faces].mean(axis=1)
     away = to_frame(mesh, np.broadcast_to(0.6 * (away - [0, 0, 1]), (count, *away.shape)))
     return away + fields(mesh, count, 3, 0.1)

@@ -79,7 +79,7 @@ def test_places_lie_in_their_faces():
 
 
 def test_rotation_of_a_sphere_converges():
-    """Each face has the field of its centre, so elsewhere the error is of first order."""
+    """The order is above 1.2, although a face has the vector of its centre (first order)."""
     errors = []
     for level in (3, 4, 5, 6):
         mesh = icosphere(level)
@@ -116,12 +116,12 @@ def test_reversed_field_leads_back():
         back = flow_lines(mesh, -sign * velocity, turned, sign * 1.0)
         distances = np.linalg.norm(ends(back) - starts(there), axis=1)
         assert np.median(distances) < 1e-13
-        # lines that met at an edge may leave it elsewhere on their return
+        # lines that merge along an edge cannot be separated on their return
         assert distances.max() < 0.05
 
 
 def test_negative_times_run_backwards():
-    """Lines start at the given points."""
+    """A line of negative time follows the reversed field; one of time 0 is its start."""
     mesh = square(6)
     [line] = flow_lines(mesh, constant(mesh, [0.1, 0, 0]), centre(mesh, 30), -2.0)
     assert line.times[-1] == -2
@@ -137,7 +137,7 @@ def test_negative_times_run_backwards():
 
 
 def test_fields_share_the_time_and_the_last_continues():
-    """Equal fields act as one."""
+    """N fields share the time equally and the last one continues; equal fields act as one."""
     mesh = square(6)
     fields = constant(mesh, [0.1, 0, 0], [0, 0, 0], [0, 0.15, 0])
     [line] = flow_lines(mesh, fields, centre(mesh, 30), 4.0, tau=3.0)
@@ -154,7 +154,7 @@ def test_fields_share_the_time_and_the_last_continues():
 
 
 def test_lines_slide_along_edges_between_opposing_faces():
-    """Filippov: the mean of (1, 0.4) and (-3, 0.8) without a part across the edge is (0, 0.5)."""
+    """Filippov: between (1, 0.4) and (-3, 0.8) a line follows the edge with velocity (0, 0.5)."""
     mesh, velocity = strip([1, 0.4, 0], [-3, 0.8, 0])
     start = SurfacePoints(mesh, np.array([0]), np.array([[0.6, 0.3, 0.1]]))
     [line], [longer] = (flow_lines(mesh, velocity, start, t) for t in (0.5, 50.0))
@@ -170,7 +170,7 @@ def test_lines_slide_along_edges_between_opposing_faces():
 
 
 def test_lines_pass_through_vertices():
-    """Eight directions along edges and diagonals of a regular grid, from a vertex."""
+    """Through a vertex of a regular grid, lines continue straight in all eight directions."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij")
     cells = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([cells[:, None] + [0, 9, 10], cells[:, None] + [0, 10, 1]])
@@ -194,7 +194,7 @@ def test_lines_rest_in_sinks_and_leave_sources():
 
 
 def test_lines_spiralling_into_a_vertex_end():
-    """On a tetrahedron they cross infinitely many edges in finite time."""
+    """A line that spirals into a vertex ends, although it crosses infinitely many edges."""
     mesh = tetrahedron()
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     towards = mesh.vertices[0] - centres

@@ -35,14 +35,13 @@ def twist(mesh, speed):
 
 
 def largest_distance(one, other):
-    """Return the largest distance between the images of two maps."""
     return np.linalg.norm(one.positions - other.positions, axis=1).max()
 
 
 @pytest.mark.parametrize("fields", [TURN, ROW])
 @pytest.mark.parametrize("inverse", [False, True])
 def test_negative_times_give_the_inverse_map(fields, inverse):
-    """The times of maps are those of `push`."""
+    """The map of time -t is the inverse of that of t, with the times of `push`."""
     flow, lines = Flow(BALL, fields, 0.6), ContinuousFlow(BALL, fields, 0.6)
     moved = lines.destinations if inverse else lines.origins
     assert largest_distance(flow.point_map(inverse=inverse), moved()) == 0
@@ -89,7 +88,7 @@ MATRICES = [[[-1, 0], [0, -1]], [[-1, 0], [0, -2]], [[-1, 0.8], [0, -1]], [[-0.5
 
 @pytest.mark.parametrize("matrix", MATRICES)
 def test_distortion_of_linear_flows_of_the_plane(matrix):
-    """Flows lead inwards, so that no line ends at the boundary."""
+    """Distortion of linear flows is exact; they lead inwards, so that lines stay inside."""
     largest, smallest = np.linalg.svd(expm(np.array(matrix)), compute_uv=False)
     exact, errors = np.log2([largest * smallest, largest / smallest]), []
     for n in (10, 20, 40):
@@ -106,7 +105,7 @@ def test_distortion_of_linear_flows_of_the_plane(matrix):
 
 
 def test_twist_shears_and_preserves_areas():
-    """R of a shear by k is the square of (k + sqrt(k^2 + 4)) / 2."""
+    """A shear by k has the shape change R, the square of (k + sqrt(k^2 + 4)) / 2."""
     errors = []
     for level in (3, 4, 5):
         mesh, speed = icosphere(level), 1.5
@@ -131,7 +130,7 @@ def test_rigid_motions_have_no_distortion():
 
 
 def test_distortion_is_measured_inside_faces():
-    """Triangles between mapped corners would count many folds."""
+    """Distortion is that inside faces; triangles between mapped corners would count many folds."""
     mesh = icosphere(2)
     there = Flow(mesh, twist(mesh, 6.0)).point_map(inverse=True)
     chords, parts = chord_distortion(mesh, there.positions), there.distortion()
@@ -143,7 +142,7 @@ def test_distortion_is_measured_inside_faces():
 @pytest.mark.parametrize("seed", range(7))
 @pytest.mark.parametrize("t", [0.6, 1.2])
 def test_folded_faces_of_smooth_flows(seed, t):
-    """Flipped triangles between corners are not folds of the map."""
+    """Flipped triangles between mapped corners do not count as folds of a smooth map."""
     flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):

@@ -102,7 +102,7 @@ def test_title_of_other_length_is_not_names(tmp_path):
 
 
 def test_files_have_the_numbers_of_the_mesh_file(tmp_path):
-    """Also after repairs."""
+    """Rows of a values file are those of the mesh file, whose unused vertices a mesh drops."""
     mesh = with_unused_vertices()
     in_file = np.insert(VALUES, [0, 10], np.nan)
     np.save(tmp_path / "a.npy", in_file)
@@ -151,7 +151,7 @@ def test_unnamed_index_is_not_a_map_column(tmp_path):
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_map_has_the_numbers_of_the_mesh_file(tmp_path, first):
-    """Also after repairs."""
+    """A vertex map has the vertex numbers of the mesh file, whose unused vertices a mesh drops."""
     mesh, path = with_unused_vertices(), tmp_path / "map.txt"
     target = np.random.default_rng(0).permutation(COUNT)
     in_file = np.full(COUNT + 2, -1)
@@ -202,7 +202,7 @@ def test_ambiguous_pairs_are_refused_as_text(tmp_path):
 @pytest.mark.parametrize("name", ["pairs.sym.vts", "pairs.txt"])
 def test_pairs_are_swapped(tmp_path, name, first):
     pairs = [(i, j) for i, j in enumerate(SWAP) if i < j]
-    assert len(pairs) < len(SWAP) / 2  # some vertices lie on the plane of symmetry
+    assert len(pairs) < len(SWAP) / 2  # vertices on the plane of symmetry correspond to themselves
     assert 0 in np.ravel(pairs)
     if first == 1 and len(SWAP) not in np.array(pairs) + 1:
         pairs.append((len(SWAP) - 1,) * 2)
@@ -334,7 +334,7 @@ def test_special_files_are_refused(tmp_path, suffix, form):
 
 
 def test_line_of_other_length_is_named(tmp_path):
-    """NumPy's advice is removed, and names of files are printable."""
+    """An error names the line of another length, without NumPy's advice and unprintable names."""
     (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
     check_message(error_line(tmp_path / "a.csv"), 2, 3)
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):
@@ -352,9 +352,7 @@ def test_column_errors_are_one_line(tmp_path):
 def test_did_you_mean_has_bounded_time():
     assert did_you_mean("sourc", ["x" * 1000, "source"]) == " (did you mean 'source'?)"
     assert did_you_mean("a" * 10_000, ["a" * 9999]) == ""
-    assert (
-        did_you_mean("wort", iter(lambda: "word", "")) == " (did you mean 'word'?)"
-    )  # an endless iterator
+    assert did_you_mean("wort", iter(lambda: "word", "")) == " (did you mean 'word'?)"
 
 
 def check_outcomes(path):
@@ -401,7 +399,7 @@ assert (function(mesh, f"permuted:{path}(coordinate:x)") == vertices[::-1, 0]).a
 
 
 def test_map_memory_is_bounded_for_large_files(tmp_path):
-    """The address space only fits a few numbers for each vertex of the mesh file."""
+    """Vertex numbers far above those of the mesh need only a few numbers per file vertex."""
     arrays = {"vertices": TINY.vertices, "faces": TINY.faces, "map": np.arange(FEW)[::-1] + 7}
     for name, array in arrays.items():
         np.save(tmp_path / f"{name}.npy", array)
@@ -418,7 +416,7 @@ def test_mesh_with_vertex_numbers():
 
 
 def test_matlab_part_of_unknown_type_is_refused(tmp_path):
-    """SciPy crashes on such a file."""
+    """A .mat file with a part of unknown type, on which SciPy crashes, is refused."""
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"thickness": np.arange(42.0)})
     content = bytearray(path.read_bytes())

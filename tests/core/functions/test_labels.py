@@ -69,7 +69,6 @@ def test_any_label_table_round_trips(folder, table):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return a folder for all tests of this module."""
     return tmp_path_factory.mktemp("labels")
 
 
@@ -84,7 +83,7 @@ def test_label_function_by_name_or_key(tmp_path):
 
 
 def test_label_names_have_priority_over_keys(tmp_path):
-    """Two keys with the same name are one label."""
+    """A label named like a number has priority over that key; equal names form one label."""
     names = {1: "2", 2: "both", 3: "both"}
     values = np.arange(COUNT) % 4
     path = write_gifti(tmp_path / "a.label.gii", [values], names=names)
@@ -134,7 +133,7 @@ def test_label_file_is_a_function(tmp_path):
 
 
 def test_labels_are_not_values_or_maps(tmp_path):
-    """They would be interpolated, or used as vertex numbers, without a warning."""
+    """Labels are refused as values and vertex maps: interpolating them would be meaningless."""
     for path in (
         write_gifti(tmp_path / "a.label.gii", [VALUES]),
         write_gifti(tmp_path / "b.gii.gz", [VALUES], names={}),
@@ -178,7 +177,7 @@ def test_files_without_labels_are_refused(tmp_path, name, content, named):
 
 
 def test_values_are_not_labels(tmp_path):
-    """Errors for unknown labels suggest similar names."""
+    """Files of values are refused as labels; errors for unknown labels suggest similar names."""
     path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
     with raises(FunctionError, "values"):
         read_labels(path)
@@ -201,7 +200,7 @@ def test_values_are_not_labels(tmp_path):
     "color", ['Red="2" Green="0" Blue="0"', 'Red="x" Green="0" Blue="0"', 'Red="0"', ""]
 )
 def test_invalid_label_colors_are_ignored(tmp_path, color):
-    """Early files have ``Index`` instead of ``Key``."""
+    """Invalid colours are ignored; early files have ``Index`` instead of ``Key``."""
     array = (
         '<DataArray Intent="NIFTI_INTENT_LABEL" DataType="NIFTI_TYPE_INT32" Encoding="ASCII" '
         'Dimensionality="1" Dim0="2"><Data>4 4</Data></DataArray>'

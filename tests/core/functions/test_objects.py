@@ -23,7 +23,7 @@ BALL = icosphere(1)
 COUNT = len(BALL.vertices)
 X, Y = BALL.vertices[:, 0], BALL.vertices[:, 1]
 ORDER = np.random.default_rng(3).permutation(COUNT)
-# a mesh whose file begins with an unused vertex
+# its file begins with an unused vertex
 GAP = abfm.TriangleMesh(np.vstack([[9.0, 9.0, 9.0], BALL.vertices]), BALL.faces + 1)
 
 
@@ -150,14 +150,14 @@ def test_values_of_objects(given, expected):
 
 @pytest.mark.parametrize("kind", ["float64", "int64", "int16"])
 def test_nonstandard_gifti_types_are_read(kind):
-    """Files of nilearn and early nibabel have such types; nibabel refuses to write them."""
+    """GIFTI types of nilearn and early nibabel, which nibabel cannot write, are read."""
     values = (1e4 * X).astype(kind)
     array = GiftiDataArray(values, datatype=f"NIFTI_TYPE_{kind.upper()}")
     assert_array_equal(as_values(BALL, GiftiImage(darrays=[array])), values)
 
 
 def test_texts_and_paths_are_values(tmp_path):
-    """Masks may also be texts and paths. A text for frames is a path, not a function."""
+    """Functions and masks may be texts and paths; a text for frames is always a path."""
     np.savetxt(tmp_path / "a, b.txt", X)
     assert_array_equal(as_values(BALL, tmp_path / "a, b.txt"), X)
     assert_array_equal(as_values(BALL, "coordinate:y"), Y)

@@ -68,7 +68,7 @@ def test_same_hemisphere_causes_no_warning(tmp_path, left, name):
 
 
 def test_gifti_metadata_determine_the_hemisphere(tmp_path):
-    """The metadata have priority over the name."""
+    """GIFTI metadata have priority over the file name."""
     write_surface(tmp_path / "lh.a.surf.gii", SPHERE, "CortexRight")
     mesh = abfm.load_mesh(tmp_path / "lh.a.surf.gii")
     assert mesh.structure == "CortexRight"
@@ -80,7 +80,7 @@ def test_gifti_metadata_determine_the_hemisphere(tmp_path):
 
 
 def test_files_of_two_hemispheres_cause_a_warning(tmp_path):
-    """Also if the surface has no hemisphere; A and B of a registration may differ."""
+    """Two hemispheres on one surface cause a warning; A and B of a registration may differ."""
     for side in ("lh", "rh"):
         write_values(tmp_path / f"{side}.sulc", VALUES)
     specs = [f"file:{tmp_path}/{side}.sulc" for side in ("lh", "rh")]

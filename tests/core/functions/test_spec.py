@@ -75,7 +75,7 @@ MEANINGS = {
 }
 
 GAUSSIAN_KEYS = ("vertex", "x", "y", "z", "width", "height", "metric")
-ERRORS = {  # words of the message of each text
+ERRORS = {  # invalid text: words that its message contains
     "": ("gaussian", "circular"),
     "gausian:vertex=1": ("gausian", "gaussian"),
     "Shape_Diameter": ("Shape_Diameter", "shape-diameter"),
@@ -133,7 +133,7 @@ def test_text_and_spec_round_trip(text):
 
 @pytest.mark.parametrize("text", ERRORS)
 def test_parse_errors_have_the_words_in_one_line(text):
-    """Each message has the invalid and the expected words."""
+    """Errors are one line with the invalid and the expected words."""
     with raises(FunctionError, *ERRORS[text]) as error:
         parse(text)
     assert "\n" not in str(error.value)

@@ -72,7 +72,7 @@ def value_of(path, options="", mesh=MESH):
 
 @pytest.mark.parametrize("place", ["first", "last"])
 def test_node_indices_number_the_rows(tmp_path, place):
-    """In values, frames, labels and maps, wherever the indices are in the file."""
+    """Node indices, first or last in a GIFTI, number rows of values, frames, labels and maps."""
 
     def write(name, arrays, rows, **more):
         indices = [(NODES, rows)]
@@ -93,7 +93,7 @@ def test_node_indices_number_the_rows(tmp_path, place):
 
 
 def test_vertex_numbers_are_those_of_the_mesh_file(tmp_path):
-    """An unused vertex has a value; those of later vertices are not shifted."""
+    """A value of an unused vertex of the mesh file does not shift those of later vertices."""
     mesh = with_loose_vertex(MESH)
     values = np.insert(VALUES, 5, 9.0)
     path = gifti(tmp_path / "a.gii", [(NODES, np.arange(1, COUNT + 1)), (NONE, values[1:])])
@@ -118,7 +118,7 @@ def test_vertex_column_numbers_the_rows(tmp_path, name, separator):
     text = f"{name},v,w\n" + rows(ORDER.tolist(), VALUES[ORDER].tolist(), ORDER.tolist())
     path = table(tmp_path / "a.csv", text.replace(",", separator))
     assert_array_equal(value_of(path, ",column=v"), VALUES)
-    assert_array_equal(value_of(path, ",column=2"), np.arange(COUNT))  # numbered as in the file
+    assert_array_equal(value_of(path, ",column=2"), np.arange(COUNT))
     assert_array_equal(read_frames(path, MESH).values, np.stack([VALUES, np.arange(COUNT)]))
     with raises(FunctionError, 2, "v", "w"):
         value_of(path)
@@ -145,7 +145,7 @@ def test_vertex_array_numbers_the_rows(tmp_path, ending):
         value_of(path)
     write(vertex=ORDER)
     assert_array_equal(value_of(path), ORDER)
-    write(vertex=SOME, v=VALUES)  # of another table
+    write(vertex=SOME, v=VALUES)  # vertex numbers of another table
     assert_array_equal(value_of(path), VALUES)
 
 
@@ -159,7 +159,7 @@ def test_single_or_fractional_column_is_values(tmp_path):
 
 
 def test_unnamed_first_column_is_an_index(tmp_path):
-    """R counts rows from 1 and pandas from 0. The smallest number decides for other orders."""
+    """An unnamed first column is an index, from 1 (R) or from 0 (pandas), by its minimum."""
 
     def write(numbers):
         return table(tmp_path / "a.csv", ",v\n" + rows(numbers.tolist(), VALUES[ORDER].tolist()))
@@ -178,7 +178,7 @@ def test_comment_above_numbers_names_the_columns(tmp_path):
 
 
 def test_columns_with_vertices_in_python():
-    """Like a pandas Series with an index."""
+    """Columns with vertex numbers set the values of these vertices; others are NaN."""
     found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
     assert_array_equal(found.values[:, 0], SPARSE)
 
@@ -199,7 +199,7 @@ def test_axes_of_length_one_are_removed(tmp_path, shape):
 
 
 def test_any_axis_may_be_the_vertices(tmp_path):
-    """The size of an axis decides, for functions and for frames."""
+    """The axis with as many entries as vertices is that of the vertices, also for frames."""
     frames = RANDOM.standard_normal((3, COUNT))
     np.save(tmp_path / "a.npy", frames)
     np.save(tmp_path / "b.npy", frames.T)
@@ -248,7 +248,7 @@ def test_values_of_ply_files(tmp_path):
 
 
 def test_mesh_and_values_in_one_gifti(tmp_path):
-    """As written by CAT12 and SPM; arrays are numbered as in the file."""
+    """Values are read next to a mesh (CAT12, SPM); ``column=`` numbers all arrays of the file."""
     mesh = [("NIFTI_INTENT_POINTSET", MESH.vertices), ("NIFTI_INTENT_TRIANGLE", MESH.faces)]
     normals = [("NIFTI_INTENT_VECTOR", MESH.vertices)]
     path = gifti(tmp_path / "a.gii", [*mesh, *normals, ("NIFTI_INTENT_SHAPE", VALUES)])
@@ -288,7 +288,7 @@ def test_repeated_names_are_refused(tmp_path):
 
 
 def test_labels_are_recognized_without_intent(tmp_path):
-    """By names of keys, or by the file name. A metric of Workbench only names key 0."""
+    """Integers with named keys (not only 0), or in a file named like labels, are labels."""
     keys = np.arange(COUNT) % 3
     named = {0: "???", 1: "one", 2: "two"}
     for name, labels in (("a.gii", named), ("a.label.gii", {}), ("a.label.gii.gz", None)):
@@ -316,7 +316,7 @@ def test_integer_tables_are_labels(tmp_path):
 
 
 def test_annotation_without_table_keeps_its_numbers(tmp_path):
-    """Keys are the numbers in the file. nibabel cannot read such a file."""
+    """Without a table, keys are the numbers in the .annot file, which nibabel cannot read."""
     colors = np.where(np.arange(COUNT) % 2, 0x640519, 0x1405DC)
     pairs = np.column_stack([np.arange(COUNT), colors]).astype(">i4")
     (tmp_path / "lh.a.annot").write_bytes(np.array([COUNT], ">i4").tobytes() + pairs.tobytes())
@@ -412,7 +412,7 @@ def test_values_in_images_of_freesurfer(tmp_path, kind, shape):
     "shape", [(COUNT, 3), (3, COUNT), (COUNT, 1, 3), (3, 1, COUNT), (1, 3, COUNT), (1, 1, COUNT, 3)]
 )
 def test_any_image_axis_may_be_the_vertices(tmp_path, name, shape):
-    """As written by Python and MATLAB, other than by FreeSurfer."""
+    """Images written by Python and MATLAB may have the vertices along any axis."""
     columns = np.float32(np.stack([VALUES, 2 * VALUES, VALUES + 1]))
     values = (columns.T if shape.index(COUNT) < shape.index(3) else columns).reshape(shape)
     kind = nibabel.Nifti1Image if name == "a.nii" else nibabel.MGHImage
@@ -425,7 +425,7 @@ def test_any_image_axis_may_be_the_vertices(tmp_path, name, shape):
 
 @pytest.mark.parametrize("shape", [(2 * COUNT,), (2 * COUNT, 3), (3, 2 * COUNT)])
 def test_values_of_both_hemispheres_are_refused(tmp_path, shape):
-    """BrainSpace and others concatenate the hemispheres."""
+    """Values of both hemispheres in one file, as BrainSpace writes, are refused."""
     np.save(tmp_path / "a.npy", np.ones(shape))
     with raises(FunctionError, 2 * COUNT, COUNT, "hemispheres"):
         read_values(tmp_path / "a.npy", MESH)
@@ -467,7 +467,7 @@ def test_unnamed_vertex_numbers_are_refused(tmp_path):
 
 
 def test_merged_vertices_have_the_first_value(tmp_path):
-    """The value of the copy with the lower number is used."""
+    """A merged vertex has the value of its copy with the lowest vertex number."""
     vertices = np.concatenate([MESH.vertices, MESH.vertices[:1]])
     faces = MESH.faces.copy()
     one = int(np.flatnonzero((faces == 0).any(axis=1))[0])

@@ -30,7 +30,7 @@ def test_geodesic_distance_on_the_sphere(subdivisions, error):
 
 
 def test_geodesic_function_on_a_rhombus():
-    """Shortest paths are straight lines in the plane; the heat method gives 1.514 and 2.717."""
+    """Distances in a plane rhombus are exact, whereas the heat method gives 1.514 and 2.717."""
     corners = [[0.0, 1, 0], [3, 0, 0], [0, -1, 0], [-3, 0, 0]]
     rhombus = TriangleMesh(corners, [[0, 2, 1], [0, 3, 2]])
     d = function(rhombus, "geodesic:vertex=2")
@@ -38,7 +38,7 @@ def test_geodesic_function_on_a_rhombus():
 
 
 def test_geodesic_function_is_exact():
-    """It is symmetric, and its error on the sphere is of order 2, that of the polyhedron."""
+    """Distances are symmetric; on a sphere their error has order 2, that of the polyhedron."""
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
@@ -53,7 +53,7 @@ def test_geodesic_function_is_exact():
 
 
 def test_geodesic_function_by_heat():
-    """For large meshes, thin triangles (where the exact method may not end), pinched vertices."""
+    """Large meshes, pinched vertices and thin triangles (endless if exact) use the heat method."""
     flat = square(24)
     thin = TriangleMesh(flat.vertices * [1, 1e-5, 1], flat.faces)
     for mesh in (icosphere(5), thin, pinched_sphere()[0]):
@@ -204,7 +204,7 @@ def test_shape_diameter_of_the_sphere_and_of_a_plate():
     assert_allclose(exact / 3, 1.717, atol=1e-3)
     assert_allclose(function(icosphere(4, radius=3.0), "shape-diameter"), exact, rtol=0.02)
     box = trimesh.creation.box(extents=[4.0, 4.0, 0.2]).subdivide_to_size(0.3)
-    box.merge_vertices()  # older versions do not merge them
+    box.merge_vertices()  # older versions of the library do not merge them
     mesh = TriangleMesh(box.vertices, box.faces)
     middle = np.abs(mesh.vertices[:, :2]).max(axis=1) < 1.5
     exact = cone_mean(lambda angle: 0.2 / np.cos(angle), np.pi)
@@ -213,7 +213,7 @@ def test_shape_diameter_of_the_sphere_and_of_a_plate():
 
 
 def test_shape_diameter_without_rays():
-    """Missing values are filled in, and flat sheets are refused."""
+    """Vertices whose rays miss get finite values; a flat sheet, which has no hits, is refused."""
     f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
     assert f.min() > 1
     assert f.max() < 3
@@ -235,11 +235,11 @@ def test_extension_keeps_known_values_and_averages_the_rest():
     assert_allclose(filled[~known], neighbours[~known], atol=1e-12)
 
 
-MODES = np.arange(12)  # of the interval [0, 1]: cos(pi n x)
+MODES = np.arange(12)  # cos(pi n x), the eigenfunctions of the interval [0, 1]
 
 
 def test_eigenvalues_of_the_sphere_converge():
-    """They converge to l (l + 1) with order 2."""
+    """Eigenvalues of the unit sphere converge to l (l + 1) with order 2."""
     exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
     errors = [np.abs(eigenbasis(icosphere(s, radius=2.0), 16)[0] * 4 - exact).max() for s in (3, 4)]
     assert errors[1] < 0.1
@@ -272,7 +272,7 @@ def test_eigenfunctions_are_scaled_and_signed():
 
 
 def test_sign_of_an_odd_eigenfunction():
-    """The value is positive at the first vertex with a large one."""
+    """An eigenfunction is positive at the first vertex at which it has a large value."""
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
     faces = np.concatenate([corner + np.array(steps) for steps in ([0, 7, 8], [0, 8, 1])])

@@ -12,7 +12,6 @@ from tests.shapes import icosphere, square, torus
 
 
 def potato(subdivisions):
-    """Return a closed surface without symmetry."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
     radius = 1 + 0.3 * np.sin(2 * x + 0.4) * np.cos(3 * y - 1) + 0.2 * z * x + 0.15 * y

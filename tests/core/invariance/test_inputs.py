@@ -60,7 +60,7 @@ OTHER = {
     "too deep": lambda x: x[None, None],
 }
 ACCEPTED = {"single", "half", "boolean", "integer", "unsigned", "negative zero", "huge", "tiny"}
-ACCEPTED |= {"none"}  # if the argument is optional
+ACCEPTED |= {"none"}  # allowed for optional arguments
 OF_FUNCTIONS = {
     "match": lambda f: abfm.match(MESH, f, G, PARAMETERS).velocity,
     "target": lambda f: abfm.match(MESH, F, f, PARAMETERS).velocity,
@@ -182,7 +182,6 @@ def matched(f, g, start=None, **changes):
 
 
 def outcome_of(call):
-    """Return the residual, or the message of the error."""
     try:
         return str(call().residual)
     except abfm.AbfmError as error:
@@ -205,7 +204,7 @@ def test_equal_constant_and_distant_functions(options):
 @examples(5)
 @given(exponent=st.integers(-300, 300), options=st.sampled_from(OPTIONS[:5]))
 def test_powers_of_two_have_no_influence(exponent, options):
-    """With a relative sigma, scaling both functions by one changes no bit."""
+    """With a relative sigma, scaling both functions by a power of two changes no bit."""
     expected = matched(F, G, **options)
     match = matched(2.0**exponent * F, 2.0**exponent * G, **options)
     for name in ("velocity", "energy_history", "residual", "verified_residual"):
@@ -242,7 +241,7 @@ def test_starts_with_growing_values_are_corrected():
 
 
 def ends():
-    """Return every parameter at the ends of its range."""
+    """Return parameters, each at one end of its range."""
     found = []
     for entry in FIELDS.values():
         if entry.name in CHOICES:
@@ -261,7 +260,7 @@ def ends():
 def test_every_parameter_at_its_bounds(name, value):
     bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
     if (name, value) == ("segments", 1000):
-        value = 20  # flow lines of 1000 segments take seconds
+        value = 20  # 1000 segments would take seconds
     outcome = outcome_of(lambda: matched(F, G, **{"iterations": 2, **bounded, name: value}))
     assert name in outcome or float(outcome) < 2
 
@@ -276,7 +275,7 @@ def test_parameters_out_of_range_are_refused(name, value):
         wrong = [np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
         wrong += [-1e-9 if least == 0 else least - 1, most + 1 if most < 1e30 else 1e31]
         wrong += [1.5] if is_integer(entry) else [1e-31]
-        if entry.default is None:  # None is allowed
+        if entry.default is None:
             wrong.remove(None)
     for refused in wrong:
         with pytest.raises(abfm.ParameterError) as error:

@@ -76,7 +76,7 @@ def test_visible_values_must_be_finite():
 
 
 def test_hidden_values_are_harmonic():
-    """So they add no peaks."""
+    """Values below the mask are harmonic: the mean of their neighbours, so they add no peaks."""
     problem = abfm.Problem(MESH, spoiled(F, "noise"), G, mask=MASK)
     filled = problem.source[:, 0]
     assert_array_equal(filled[~HIDDEN], F[~HIDDEN])
@@ -88,7 +88,7 @@ def test_hidden_values_are_harmonic():
 
 @pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
 def test_register(kind):
-    """Values are replaced on A, then on B, with masks on both."""
+    """Values below a mask change no bit of a registration: those on A, then those on B."""
     rough = F + noise(0.1, 1), G + noise(0.1, 2)
     given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}
     clean, on_a, on_b = (

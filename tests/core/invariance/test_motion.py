@@ -62,7 +62,7 @@ def test_operators_and_fields(name, move):
     bracket, pushed = op.lie_bracket_of(mesh, v, u), op.pushforward(mesh, v, u, 0.1)
     assert_alike(op.lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
     assert_alike(op.pushforward(other, w, q, 0.1), move.field(mesh, pushed), SOLVES)
-    largest = np.abs(w).max()  # a part may consist of rounding errors
+    largest = np.abs(w).max()  # if exactly zero, a part consists of rounding errors
     for part, expected in zip(
         op.helmholtz_hodge(other, w), op.helmholtz_hodge(mesh, v), strict=True
     ):
@@ -84,7 +84,7 @@ def test_flows(name, move):
         assert_alike(after, before[:, old], SOLVES)
 
     def check(walk):
-        """Assert that a walk ends at corresponding points of both meshes."""
+        """Assert that a flow line ends at corresponding points of both meshes."""
         before, after = walk(mesh, v), walk(other, w)
         assert np.abs(after - move.places(mesh, before)[old]).max() <= SOLVES * size
 
@@ -120,7 +120,7 @@ def test_distances_heat_and_eigenfunctions(name, move):
     heated = [HeatKernel(m, 0.2, 4)(x) for m, x in ((mesh, f), (other, move.function(mesh, f)))]
     assert_alike(heated[1], move.function(mesh, heated[0]), SOLVES)
     moved = optimal_transport(other, move.function(mesh, f), move.function(mesh, g), 0.4)
-    # the tolerance of the iteration
+    # limited by the tolerance of the iterative solver
     assert_alike(moved, move.function(mesh, optimal_transport(mesh, f, g, 0.4)), 1e-4)
     values, functions = op.eigenbasis(mesh, 12)
     again, others = op.eigenbasis(other, 12)
@@ -137,7 +137,7 @@ def test_distances_heat_and_eigenfunctions(name, move):
 @given(move=MOVES)
 @examples(3)
 def test_eigenspaces_of_several_dimensions(move):
-    """The first three eigenfunctions of a sphere are arbitrary; the sum of squares is not."""
+    """On a sphere the first three eigenfunctions are arbitrary, their sum of squares is not."""
     mesh = icosphere(2)
     spanned = [(op.eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
     assert_alike(spanned[1], move.function(mesh, spanned[0], -2), SPECTRAL)
@@ -159,7 +159,7 @@ POWERS = {
     "circular:part=sine(gaussian:vertex={a},width=0.2)": (0, SPECTRAL),
 }
 FACE = face(1)
-# these depend on the axes of space or the rows of a file
+# these families depend on the axes of space or on the rows of a file
 IN_SPACE = {"coordinate", "expression", "file"}
 
 
@@ -192,7 +192,7 @@ def test_functions(spec, move):
 @examples(8)
 @given(move=MOVES, far=st.sampled_from([1.0, 1e3, 1e6]))
 def test_flat_surfaces_have_curvature_0(mesh, move, far):
-    """The distance from the origin determines the rounding of coordinates."""
+    """A flat surface far from the origin has curvature 0 up to the rounding of coordinates."""
     shift = tuple(far * x for x in move.shift)
     other = Move(move.turn, move.scale, shift, move.seed).mesh(mesh)
     assert not abfm.function(other, "curvature:gaussian").any()
@@ -218,7 +218,7 @@ def test_shape_diameter_with_equal_edges(mesh, move):
 @examples(3)
 @given(name=BY_NAME, move=MOVES)
 def test_matches(changes, name, move):
-    """Rounding grows with every iteration, so only a few are compared."""
+    """Matches have few iterations, because rounding errors grow with each one."""
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)
     parameters = abfm.Parameters.of(iterations=4, **changes)

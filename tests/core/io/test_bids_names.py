@@ -17,7 +17,7 @@ extensions = st.sampled_from([".surf.gii", ".nii.gz", ".json", ".label.gii"])
 
 @given(entities=entities, suffix=words, extension=extensions, folder=words)
 def test_bids_name_round_trip(entities, suffix, extension, folder):
-    """Entities have the order of BIDS."""
+    """A name that is parsed and written again is equal, with entities in the order of BIDS."""
     name = bids_name("a", suffix=suffix, extension=extension, **entities)
     said = parse_bids_name(f"{folder}_b-c/{name}")
     assert said == (entities, suffix, extension)
@@ -62,7 +62,7 @@ def test_any_name_is_parsed_or_none(name):
             {"sub": 100307, "den": "32k", "suffix": "midthickness"},
             "sub-100307_hemi-L_den-32k_midthickness.surf.gii",
         ),
-        # an unknown entity precedes the description
+        # entities that are not of BIDS precede the description
         ("sub-1_desc-a_atlas-b_x.label.gii", {"res": 2}, "sub-1_res-2_atlas-b_desc-a_x.label.gii"),
         ("tpl-fsaverage_hemi-R_sphere.surf.gii", {"hemi": None}, "tpl-fsaverage_sphere.surf.gii"),
         ("a.npy", {"sub": "a", "suffix": "x", "extension": ".tsv"}, "sub-a_x.tsv"),

@@ -136,7 +136,7 @@ def test_gifti_intent_structure_and_precision(tmp_path, name, structure, intent,
     assert dict(image.meta) == expected
     for array, sign in zip(image.darrays, (1, -1), strict=True):
         assert nibabel.nifti1.intent_codes.niistring[array.intent] == intent
-        assert array.encoding == 3  # GZipBase64Binary
+        assert array.encoding == 3  # the code of GZipBase64Binary
         assert_array_equal(array.data, (sign * VALUES).astype(np.float32), strict=True)
 
 
@@ -165,7 +165,7 @@ colors = st.tuples(parts, parts, parts, parts)
 )
 @settings(max_examples=60)
 def test_any_labels_round_trip(folder, table, seed):
-    """Keys from .annot files are new numbers, but each vertex has the same name."""
+    """Each vertex keeps the name of its label; keys read from .annot files are new numbers."""
     random = np.random.default_rng(seed)
     labels = Labels(
         random.choice(list(table), 9),
@@ -186,7 +186,7 @@ def test_any_labels_round_trip(folder, table, seed):
 
 
 def test_annotations_keep_distinct_colors(tmp_path):
-    """Black or repeated colours become the next free ones; unnamed keys become -1."""
+    """Black or repeated colours become the next free ones; labels without a name become -1."""
     red, blue = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.8)
     labels = Labels(
         np.array([7, 3, 9, 11, 12, 7]),
@@ -213,7 +213,7 @@ def test_annotations_keep_distinct_colors(tmp_path):
     ],
 )
 def test_meshes_have_a_structure(tmp_path, name, structure):
-    """It follows from the file name, and is stored in results. Digests do not depend on it."""
+    """The structure follows from the file name and is stored in results, but not in digests."""
     sphere = icosphere(1)
     write_surface(tmp_path / name, sphere)
     mesh = load_mesh(tmp_path / name)
@@ -240,7 +240,7 @@ def test_meshes_have_a_structure(tmp_path, name, structure):
     ],
 )
 def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
-    """Vertices without a label (-1) get a key named unknown, which has no other meaning."""
+    """Vertices without a label (-1) get a new key named unknown."""
     write_labels(tmp_path / "a.label.gii", Labels(np.array(keys), names))
     found = read_labels(tmp_path / "a.label.gii")
     assert found.values.tolist() == [keys[0], unknown, keys[2]]
@@ -254,7 +254,7 @@ def test_label_keys_round_trip(tmp_path, name):
 
 
 def test_equal_data_give_equal_files(tmp_path, monkeypatch):
-    """Files do not depend on the time or the user."""
+    """Files contain neither the time nor the user's name."""
     for name, write, data in (
         *((name, write_surface, MESH) for name in ("a.surf.gii", "a.surf.gii.gz", "lh.white")),
         *((name, write_values, VALUES) for name in ("lh.a.func.gii", "a.func.gii.gz", "lh.sulc")),

@@ -17,7 +17,7 @@ VALUES = np.array([[0.25, 1.0], [np.nan, np.nan], [-2.0, 3.0], [np.nan, 5.0]])
 
 @pytest.mark.parametrize(("side", "structure"), [("L", "CORTEX_LEFT"), ("R", "CORTEX_RIGHT")])
 def test_scalars_omit_vertices_without_values(tmp_path: Path, side: str, structure: str) -> None:
-    """Vertices with a value in any column are stored, with names and hemisphere."""
+    """Vertices without a value in any column are omitted; names and hemisphere are stored."""
     path = tmp_path / f"hemi-{side}_a.dscalar.nii"
     write_values(path, VALUES, names=["one", "two"])
     image = nibabel.load(path)
@@ -48,7 +48,7 @@ def test_series_has_the_times_of_its_frames(tmp_path: Path) -> None:
 
 
 def test_labels_keep_keys_names_and_colors(tmp_path: Path) -> None:
-    """A key without a name has its number as name; -1 (no label) is named "???"."""
+    """A key without a name is named by its number, and -1 (no label) is named "???"."""
     labels = Labels(np.array([3, 0, -1, 7]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})
     write_labels(tmp_path / "lh.a.dlabel.nii", labels)
     image = nibabel.load(tmp_path / "lh.a.dlabel.nii")

@@ -77,8 +77,8 @@ def test_arrays_round_trip(path, omitted, is_open):
 
 
 def test_file_is_plain_numpy_and_reproducible(path):
-    """The parameters are a JSON text."""
-    again = path.with_name("result")  # no suffix is added to the name
+    """NumPy alone reads the file, whose parameters are JSON; equal arrays give equal bytes."""
+    again = path.with_name("result")  # saving does not add a suffix
     for each in (path, again):
         save_arrays(each, result_arrays())
     assert sorted(os.listdir(path.parent)) == ["m.npz", "result"]
@@ -93,7 +93,7 @@ def test_file_is_plain_numpy_and_reproducible(path):
 
 
 def test_number_types_are_converted(path):
-    """Unknown arrays are ignored."""
+    """Arrays of other number types are converted, and unknown arrays are ignored."""
     arrays = result_arrays()
     faces, velocity = arrays["faces"].astype(np.uint16), arrays["velocity"].astype(">f4")
     saved_by_numpy(path, faces=faces, velocity=velocity, residual=1, colour=np.ones(3))
@@ -143,7 +143,7 @@ def test_invalid_arrays_are_named(path, change, named):
     saved_by_numpy(path, **change)
     message = error_line(path)
     check_message(message, *named)
-    assert re.search(r"\. [A-Z]", message)  # the advice
+    assert re.search(r"\. [A-Z]", message)  # the message advises this option
 
 
 def test_other_files_are_refused(tmp_path, path):
@@ -205,12 +205,11 @@ def saved(path, result):
 
 
 def put(path, **arrays):
-    """Write a result again with other arrays; bytes are written unchanged."""
     hostile.rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
 
 
 def test_changed_header_byte_is_detected(saved):
-    """The zip itself is valid."""
+    """A changed byte in the header of an array is detected, although the zip is valid."""
 
     def same_shape(loaded):
         assert loaded.velocity.shape == (1, F, 3)
@@ -314,7 +313,7 @@ def test_unused_file_vertices_need_no_memory(saved):
 
 
 def test_extreme_values_are_loaded(saved):
-    """Unknown members of the zip are not read."""
+    """Extreme values are loaded, and unknown members of the zip are not read."""
     put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
     assert load(saved).source.max() == 1e-160
     content = members(saved)
@@ -333,7 +332,7 @@ def test_decompressed_size_is_limited(saved, tmp_path):
     check_message(match_error(saved))
     names = [f"{number}.npy" for number in range(30)]
     hostile.overlapping_zip(tmp_path / "overlap.npz", names, bytes(4_000_000))
-    with (  # newer versions of Python refuse overlapping members themselves
+    with (  # newer versions of Python refuse overlapping members earlier
         raises(ResultError, recorded=False),
         open_archive(tmp_path / "overlap.npz", "result", "") as archive,
     ):
@@ -341,11 +340,11 @@ def test_decompressed_size_is_limited(saved, tmp_path):
 
 
 def test_invalid_zip_headers_are_refused(saved):
-    """Sizes are wrong, or a name is not valid UTF-8."""
+    """A zip with a wrong size, or a name that is not valid UTF-8, is refused."""
     packed, named = hostile.bomb(64 << 20), bytearray(saved.read_bytes())
     archive = zipped(members(saved) | {"mask.npy": packed})
-    named[7] |= 8  # the name of the first entry is UTF-8
-    named[30] = 0xFF  # its first letter
+    named[7] |= 8  # the flag that the first name is UTF-8
+    named[30] = 0xFF  # the first letter of the name
     saved.write_bytes(named)
     check_message(match_error(saved), 0, "UTF-8")
     for size in (1 << 40, 100, len(packed) - 1):
@@ -356,7 +355,7 @@ def test_invalid_zip_headers_are_refused(saved):
 
 
 def test_result_files_may_be_larger_than_others(path, monkeypatch):
-    """As those of sequences with thousands of frames."""
+    """Result files, such as sequences of thousands of frames, have a larger limit."""
     save_arrays(path, result_arrays())
     size = path.stat().st_size
     monkeypatch.setattr(regular_files, "FILE_BYTES_MAX", size // 100)
@@ -393,10 +392,11 @@ def file(matched, path):
 
 
 def test_match_is_pickled_without_caches(matched):
-    prepare(matched.mesh, Parameters.of(levels=2))  # caches a coarser mesh and a lock
+    # fills the cache of the mesh, which has a coarser mesh and a lock
+    prepare(matched.mesh, Parameters.of(levels=2))
     there = matched.advect([-0.5, 0.5, 1.0])
     sent = pickle.dumps(matched)
-    assert len(sent) < 200_000  # working memory of flows would be larger
+    assert len(sent) < 200_000  # with the working memory of flows, the pickle would be larger
     came = pickle.loads(sent)
     assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
     assert not came.mesh.vertices.flags.writeable
@@ -413,7 +413,7 @@ def test_unknown_values_round_trip(path):
 
 
 def test_remedies_round_trip(matched, file):
-    """Files without remedies are loaded without any."""
+    """Remedies are stored; a file written without them is loaded without any."""
     closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
     remedies = Remedy("Continue", "go on", {}, True), closer
     judged = replace(matched, verdict=replace(matched.verdict, remedies=remedies))

@@ -70,7 +70,7 @@ def make_socket(path):
     ],
 )
 def test_special_files_are_not_replaced(tmp_path, monkeypatch, make, named):
-    monkeypatch.chdir(tmp_path)  # as names of sockets must be short
+    monkeypatch.chdir(tmp_path)  # names of sockets must be short
     make(Path("m.npz"))
     kind = stat.S_IFMT(os.stat("m.npz").st_mode)
     check_message(refusal(tmp_path / "m.npz"), named)
@@ -95,7 +95,7 @@ def test_longest_names_are_written(tmp_path, name):
 
 @pytest.mark.parametrize("raised", [OSError(28, "No space left on device"), None])
 def test_cleanup_does_not_hide_the_error(tmp_path, raised):
-    """The folder may also disappear while it is written to."""
+    """An error of the writer is raised, even if its temporary folder disappears meanwhile."""
 
     def write():
         with write_atomically(tmp_path / "folder" / "m.npz") as temporary:
@@ -113,7 +113,6 @@ def test_cleanup_does_not_hide_the_error(tmp_path, raised):
 
 @pytest.fixture
 def old(tmp_path):
-    """Return the path of an existing file."""
     path = tmp_path / "m.npz"
     written(path, "old")
     yield path
@@ -121,7 +120,7 @@ def old(tmp_path):
 
 
 def test_full_disk_keeps_the_old_file(old):
-    """A limit of the file size simulates the full disk."""
+    """A full disk, simulated by a limit of the file size, leaves the existing file unchanged."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
@@ -160,7 +159,7 @@ def test_permissions_are_preserved(old, mode):
 
 
 def test_new_files_have_default_permissions(tmp_path):
-    """A symbolic link still points to the replaced file."""
+    """New files have default permissions; a symbolic link still leads to the replaced file."""
     (tmp_path / "usual").touch()
     (tmp_path / "link").symlink_to(tmp_path / "new.gz")
     with write_atomically(tmp_path / "link") as temporary:
@@ -185,7 +184,7 @@ with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
 
 
 def test_files_of_killed_processes_are_removed(tmp_path):
-    """The next write removes them, but not before the process is killed."""
+    """The next write removes temporary files of killed processes, not those of running ones."""
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -202,7 +201,7 @@ def test_files_of_killed_processes_are_removed(tmp_path):
 
 
 def test_removed_folder_is_created_again(tmp_path, monkeypatch):
-    """Another process may remove it before it is locked."""
+    """A temporary folder that another process removes before it is locked is created again."""
     mkdir, made = Path.mkdir, []
 
     def removed_once(path, mode):
@@ -219,7 +218,7 @@ def test_removed_folder_is_created_again(tmp_path, monkeypatch):
 
 
 def test_files_of_other_computers_are_kept(tmp_path):
-    # of another computer, or of no process
+    # named after another computer, or after no process
     names = [".abfm-00000000-0123456789ab.npz", ".m-0123456789ab.npz", ".abfm"]
     for name in names:
         (tmp_path / name).touch()
@@ -233,13 +232,13 @@ def test_concurrent_writers_of_one_folder(tmp_path):
             written(tmp_path / f"{number}.txt", str(number))
 
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(write, range(8)))  # raises their errors
+        list(pool.map(write, range(8)))  # raises errors of the writers
     found = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert found == {f"{n}.txt": str(n) for n in range(8)}
 
 
 def test_file_created_again_is_not_abandoned(tmp_path, monkeypatch):
-    """Its name was in use by a removed file when that file was opened."""
+    """A new temporary file is kept if its name was that of a file removed a moment before."""
     with temporary_file(tmp_path) as path:
         path.unlink()
     path.touch()
@@ -259,7 +258,7 @@ def test_file_created_again_is_not_abandoned(tmp_path, monkeypatch):
 def test_temporary_files_can_be_removed_at_exit(tmp_path):
     with temporary_file(tmp_path), temporary_folder(tmp_path) as folder:
         (folder / "frame").touch()
-        assert stat.S_IMODE(folder.stat().st_mode) == 0o700  # private
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700  # with permissions for the user only
         assert len(os.listdir(tmp_path)) == 2
         remove_temporary()
         assert os.listdir(tmp_path) == []
@@ -306,13 +305,13 @@ def test_vtu_has_all_digits(tmp_path):
     arrays = read_vtu(path)
     arrays["colours"] = columns(arrays, "colours", 4)
     places = {"points": MESH.vertices, "connectivity": MESH.faces.ravel()}
-    triangles = {"types": np.full(70, 5), "offsets": np.arange(3, 211, 3)}  # 5: VTK_TRIANGLE
+    triangles = {"types": np.full(70, 5), "offsets": np.arange(3, 211, 3)}  # VTK_TRIANGLE
     for name, wanted in {**places, **triangles, **points, **cells}.items():
         assert_array_equal(arrays[name], wanted)
 
 
 def test_ply_has_all_digits(tmp_path):
-    """Without data, the file is a simple mesh."""
+    """PLY files store double precision; without data, the file is a simple mesh."""
     path = tmp_path / "a.ply"
     export_ply(path, MESH, {"f": F, "colours": COLORS}, {"area": AREA, "velocity": VELOCITY})
     read = trimesh.load_mesh(path, process=False)

@@ -145,7 +145,7 @@ def test_folds_of_reflections_and_moved_vertices():
 
 
 def test_folds_refer_to_normals_of_the_codomain():
-    """Half of the rotated copy's normals are opposite to those of the mesh itself."""
+    """A rotation has no folds, although it reverses half of the normals in space."""
     mesh = icosphere(2)
     turned = TriangleMesh(mesh.vertices * [-1, -1, 1], mesh.faces)
     assert map_quality(PointMap.of_vertices(mesh, turned)).folded == 0
@@ -207,7 +207,7 @@ def test_folded_shares_of_known_maps():
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_smooth_flows_fold_nothing(seed):
-    """Stretched faces that seem flipped are not folded."""
+    """At most 5% of the faces that seem flipped, because they are stretched, are folded."""
     mesh = icosphere(3)
     turn, field = rotation_field(mesh, [1, 0, 0]), 5 * wavy_field(mesh, seed)
     assert shares(mesh, ContinuousFlow(mesh, turn, 1.0).destinations) == (0, 0)

@@ -50,7 +50,7 @@ def fans():
 
 
 def nested(times):
-    """Return a ball with nested faces in one face, down to a size of 0.2 to the power of times."""
+    """Return a ball with nested faces in one face, each with 0.2 times the previous size."""
     vertices, faces = list(icosphere(2).vertices), icosphere(2).faces.tolist()
     for _ in range(times):
         a, b, c = faces[0]

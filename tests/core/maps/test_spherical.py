@@ -41,14 +41,14 @@ def test_map_of_two_layouts_has_an_exact_inverse():
     assert_allclose(to_ball.at(to_other.at(points)).positions, points.positions, atol=1e-12)
     assert to_other.distortion().folded == 0
     h = BALL.vertices @ [1.0, 2, 3]
-    # linear functions on two meshes agree up to the square of an edge
+    # linear interpolation on two meshes differs by about the squared edge length
     assert np.abs(to_ball.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
 
 
 def test_directions_of_moved_spheres():
     moved = type(BALL)(7 * BALL.vertices + [100, 0, -3], BALL.faces)
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
-    sphere_directions(moved)[:] = 0  # changes a copy only
+    sphere_directions(moved)[:] = 0  # the layout itself is unchanged
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
 
 
@@ -80,7 +80,7 @@ def test_sphere_with_a_hole_is_a_layout_only():
 
 @pytest.mark.parametrize("power", [1, 4])
 def test_directions_in_a_hole_give_the_nearest_boundary(power):
-    """Small triangles surround the hole, which is 0.2 wide, and large ones are elsewhere."""
+    """Around the hole, 0.2 wide, faces are small; elsewhere they are large."""
     angles = np.arccos(np.clip(BALL.vertices[:, 2], -1, 1))
     polar = np.pi * (angles / np.pi) ** power
     around = np.arctan2(BALL.vertices[:, 1], BALL.vertices[:, 0])
@@ -113,7 +113,7 @@ def test_invalid_layouts_are_refused(directions, named):
 
 
 def test_flipped_faces_are_reported():
-    """Points are found in spite of them."""
+    """Flipped faces of a layout are reported, and points are found in spite of them."""
     vertex = 5
     ring = np.unique(BALL.faces[(BALL.faces == vertex).any(axis=1)])
     far = 2 * BALL.vertices[ring].mean(axis=0) - 1.0 * BALL.vertices[vertex]

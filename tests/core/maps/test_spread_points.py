@@ -34,7 +34,7 @@ def test_spacing_and_coverage(mesh, spacing):
     places = spread(mesh, spacing)
     normals = face_normals(mesh)[spread_points(mesh).with_spacing(spacing).faces]
     distances = cdist(places, places) + 9 * np.eye(len(places))
-    distances[normals @ normals.T < 0] = 9  # both sides of thin parts have separate points
+    distances[normals @ normals.T < 0] = 9  # points on both sides of thin parts
     assert distances.min() >= spacing
     everywhere = points_by_area(mesh, 3001)
     nearest = cdist(everywhere.positions / mesh.length_scale, places)
@@ -44,12 +44,12 @@ def test_spacing_and_coverage(mesh, spacing):
 
 def test_number_does_not_depend_on_the_triangulation():
     counts = [len(spread(mesh, 0.05)) for mesh in (icosphere(1), icosphere(4), sheet(1.0))]
-    discs = 4 / (np.pi * 0.05**2)  # of this diameter, with the area of the surface
+    discs = 4 / (np.pi * 0.05**2)  # that fit into the area
     assert all(0.42 * discs < count < 0.91 * discs for count in counts)
 
 
 def test_larger_spacing_gives_a_subset():
-    """The gaps descend."""
+    """Points of a larger spacing are the first ones of a smaller spacing."""
     found = spread_points(LIMBS)
     assert (found.gaps[1:] <= found.gaps[:-1]).all()
     assert found.gaps[-1] >= SPACING_MIN

@@ -46,7 +46,7 @@ def test_step_of_any_model_descends(bend):
 
 
 def test_shape_gives_the_dirichlet_energy():
-    """The identity has twice the area; sides longer by 1% change it by 2%."""
+    """The identity has an energy of twice the area."""
     corners = np.array([[0.0, 0, 0], [1, 0.2, 0], [0.3, 0.9, 0.4]])
     *weights, area = shape(*corners)
     sides = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
@@ -91,11 +91,11 @@ def test_sweeps_decrease_the_energy():
 
 
 def test_image_relaxes_to_an_isometry():
-    """A surface that is rotated on its own sphere embedding returns."""
+    """A surface rotated by 0.05 rad on its own sphere embedding relaxes back to its vertices."""
     mesh = two_armed(2).normalized()
     embedding, count = sphere_embedding(mesh), len(mesh.vertices)
     turn = np.array([[np.cos(0.05), -np.sin(0.05), 0], [np.sin(0.05), np.cos(0.05), 0], [0, 0, 1]])
-    # kernels are compiled for writable arrays
+    # kernels are compiled for writable arrays, and meshes are read-only
     points, corners = mesh.vertices.copy(), mesh.faces.copy()
     sphere, surface = embedding @ turn, build_surface(corners, count)
     layout = Faces(corners, surface.twins.reshape(-1, 3), embedding.copy(), 1.0)

@@ -88,7 +88,8 @@ def test_closest_points_of_a_body():
 def test_projection_to_a_square_is_clamping(points):
     found, expected = project_onto_surface(square(5), points), np.clip(points, 0, [1, 1, 0])
     near(found.distances_from(points), np.linalg.norm(points - expected, axis=1), 1e-14)
-    near(found.positions, expected, 1e-7)  # moving sideways by 1e-8 changes no distance
+    # a shift of 1e-8 along the surface changes the distance by rounding only
+    near(found.positions, expected, 1e-7)
 
 
 @pytest.mark.parametrize("mesh", [icosphere(2), hemisphere(5), torus(9, 8)])
@@ -105,7 +106,7 @@ def test_projection_preserves_points_of_the_surface(mesh):
 def test_projection_does_not_depend_on_the_other_points():
     mesh, random = icosphere(3), np.random.default_rng(6)
     points = random.normal(size=(POINTS_PER_QUERY + 500, 3))
-    points[::7] = 0  # equally far from all faces
+    points[::7] = 0  # the centre has the same distance from all faces
     order = random.permutation(len(points))
     found, shuffled = (project_onto_surface(mesh, each) for each in (points, points[order]))
     for name in ("faces", "barycentric", "positions"):
@@ -191,7 +192,7 @@ def test_nearest_vertex_is_on_the_same_side():
 
 
 def test_maps_of_a_rotating_sphere_have_order_two():
-    """The distortion has order one, because it takes a derivative of the map."""
+    """Points have order 2; the distortion, a derivative of the map, has order 1."""
     errors = []
     for level in (3, 4):
         mesh = icosphere(level)

@@ -111,7 +111,7 @@ def test_symmetry_of_moved_and_renumbered_meshes(turn, scale, shift, seed):
 @settings(max_examples=6, deadline=None)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
 def test_noise_hardly_moves_the_plane(level, seed):
-    """The error shows the noise."""
+    """Noise hardly moves the plane of symmetry, and the reported error has its size."""
     mesh, rng = HUMAN.normalized(), np.random.default_rng(seed)
     noise = np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01)
     found = detect_symmetry(TriangleMesh(mesh.vertices + noise, mesh.faces), "mirror")
@@ -128,14 +128,14 @@ def test_mirror_of_the_shape_but_not_of_the_mesh():
     assert 1e-6 < found.error < 0.01
     assert np.abs(found.axis).max() > np.cos(np.radians(1))
     offset = turned[found.vertex_map] - found.apply(turned)
-    assert np.linalg.norm(offset, axis=1).max() < 0.2  # at most an edge
+    assert np.linalg.norm(offset, axis=1).max() < 0.2  # the error is at most one edge length
 
 
 def test_symmetry_with_the_largest_motion_is_preferred():
     for kind, axis in (("mirror", [1, 0, 0]), ("rotation", [0, 0, 1])):
         found = detect_symmetry(SYMMETRIC["ellipsoid"], kind)
         assert_allclose(np.abs(found.axis), axis, atol=1e-9)
-    # the plane of a flat surface does not count as a mirror
+    # reflection in the plane of a flat surface moves nothing and is ignored
     assert detect_symmetry(square(6), "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 

@@ -49,7 +49,7 @@ def body(name, a, b, width, vertices):
 
 @pytest.mark.parametrize("degrees", [135])
 def test_reach_finds_distant_targets(degrees):
-    """Without a reach, the source is squeezed to nothing."""
+    """With a reach of 1 the target is found; with 0 the source is squeezed to nothing."""
     (found, _), (failed, _) = (
         matched(degrees, Parameters.of(reach=reach, refine=refine), SMALL, width=0.085)
         for reach, refine in ((1.0, 1), (0.0, 0))
@@ -62,7 +62,7 @@ def test_reach_finds_distant_targets(degrees):
 
 
 def test_distant_target_on_a_body():
-    """Both checks agree more closely if sigma is automatic."""
+    """The reach finds the target; with automatic sigma both checks are below 0.35."""
     given = body("human_A.off", 7, 300, 0.1, vertices=500)
     p = Parameters.of(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).residual < 0.3
@@ -70,12 +70,12 @@ def test_distant_target_on_a_body():
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
     assert close.residual < 0.05
     assert close.worse_residual < 0.5
-    shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both checks
+    shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))
     assert shared.worse_residual < 0.35
 
 
 def test_field_moves_other_functions_like_a_rotation():
-    """A bump between pole and target, which was not matched, moves along."""
+    """A bump between pole and target, which was not matched, also moves by the rotation."""
     match, _ = matched(60, QUICK, SMALL, 0.2)
     for t in (0.5, 1.0):
         arrived = match.push(at(0, SMALL, 0.2), t)
@@ -86,7 +86,7 @@ def test_field_moves_other_functions_like_a_rotation():
 
 @pytest.mark.parametrize("levels", [2, 3])
 def test_match_over_several_levels_ends_on_the_mesh(levels):
-    # with a larger weight of the divergence, so coarse meshes need more iterations
+    # with a larger weight of the divergence, coarse meshes need more iterations
     match, seen = matched(80, QUICK.with_values(levels=levels, divergence=1.0))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
@@ -94,7 +94,7 @@ def test_match_over_several_levels_ends_on_the_mesh(levels):
     assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
     assert len(match.energy_history) == len(match.stages) == len(seen) <= 61
     assert [one.level for one in seen] == sorted(one.level for one in seen)
-    # levels in between are skipped if the match is confirmed at once
+    # a match that is confirmed skips the levels in between
     assert {0, levels - 1} <= {one.level for one in seen}
     counts = list({one.level: one.vertices for one in seen}.values())
     assert counts == sorted(counts)
@@ -153,7 +153,7 @@ def test_match_cancelled_on_coarse_level_is_on_the_mesh(iteration, control):
 
 @pytest.mark.parametrize("is_stabilising", [True, False])
 def test_cancel_between_two_levels(is_stabilising, control, monkeypatch):
-    """Cancel while fields are transferred, and before the first evaluation on the finer mesh."""
+    """A match cancelled while fields are transferred to a finer mesh has a field on the mesh."""
     evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
     def overflowing(objective, fields):
@@ -179,7 +179,7 @@ def test_cancel_between_two_levels(is_stabilising, control, monkeypatch):
 
 @pytest.mark.parametrize("after", [0, 5])
 def test_cancel_in_second_variant_keeps_the_first(control, after):
-    """The second variant has not yet found the target, so the first one is better."""
+    """The first variant is returned, since the second one has not found the target yet."""
     seen, begun = [], []
 
     def stop(one):
@@ -197,7 +197,7 @@ def test_cancel_in_second_variant_keeps_the_first(control, after):
 
 
 def test_start_that_misses_the_target_begins_a_search():
-    """A start that reaches the target is continued on the mesh itself."""
+    """A start that misses the target begins a search; others continue on the mesh itself."""
     p, field = (
         QUICK.with_values(levels=2, sigma=0.02),
         rotation_field(SPHERE, [-np.deg2rad(60), 0, 0]),
@@ -219,17 +219,17 @@ def test_start_that_misses_the_target_begins_a_search():
 
 @pytest.mark.parametrize("levels", [1, 2])
 def test_overflowing_start_is_ignored(levels):
-    """The start is noise that is so fast that the discrete flow overflows."""
+    """A start of noise that makes the discrete flow overflow is ignored."""
     p = QUICK.with_values(iterations=20, levels=levels)
     noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
     with_noise, without = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
     assert_array_equal(with_noise.velocity, without.velocity)
     given, _ = matched(60, p.with_values(iterations=0, levels=1), SMALL, start=noise)
-    assert given.velocity.any()  # without iterations, the start is the result
+    assert given.velocity.any()  # without iterations, the start itself is the result
 
 
 def test_without_reach_every_start_is_continued():
-    """Also a start that is too fast for flow lines."""
+    """Without a reach, any start continues on the mesh itself, even if too fast for flow lines."""
     p = QUICK.with_values(iterations=3, reach=0, levels=2)
     _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
@@ -242,7 +242,7 @@ def test_without_reach_every_start_is_continued():
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(("tip", "start"), [(0.6, None), (0.6, 1e-10), (1.5, None)])
 def test_sliver_never_makes_residual_worse(tip, start):
-    """Without a guard, flows near the sliver can have residuals of up to 1e144."""
+    """The residual never exceeds that of the start; unguarded, slivers gave up to 1e144."""
     corners = [[0, 0, 0], [1, 0, 0], [0.3, 0.9, 0], [tip, -1e-10, 0]]
     mesh = TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
     given = None if start is None else start * wavy_field(mesh, 0)
@@ -255,7 +255,7 @@ def test_sliver_never_makes_residual_worse(tip, start):
 
 
 def test_result_is_bitwise_reproducible_with_other_threads():
-    """The other matches use the same coarser meshes."""
+    """Matches in other threads, which use the same coarse meshes, do not change a bit."""
     p = QUICK.with_values(levels=2)
     alone = abfm.match(SPHERE, at(0), at(70), p)
     others = [
@@ -274,7 +274,7 @@ def test_result_is_bitwise_reproducible_with_other_threads():
 
 
 def test_residual_is_nearly_invariant():
-    """Unit, position, rotation and numbering change iterates by rounding errors, which grow."""
+    """Motions, units and renumberings change the residual only by growing rounding errors."""
     mesh = potato(3)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.2) for vertex in (7, 60))
     p = Parameters.of(levels=2, refine=0)
@@ -303,7 +303,7 @@ def test_flow_line_residual_equals_the_verification(mesh):
 
 
 def test_schedule_of_the_paper():
-    """Stages use only sigma, in either unit, with the norm of first order."""
+    """Its stages differ only in sigma, in either unit, with the norm of order 1."""
     p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
     )

@@ -20,7 +20,7 @@ from tests.messages import check_message, raises
 from tests.shapes import icosphere, torus, with_thin_triangles
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
-ERROR_MAX = 0.005  # of matched landmarks, in sqrt(area)
+ERROR_MAX = 0.005  # in sqrt(area)
 
 
 def smooth_field(mesh, speed, seed):
@@ -75,7 +75,7 @@ def test_errors_are_those_of_flow_lines(matched):
 
 
 def test_exchanged_and_distant_landmarks_match():
-    """Two landmarks exchange places; another one moves to the opposite point."""
+    """Two landmarks exchange places, and another one moves to the opposite point."""
     opposite = int(np.argmin(SMALL.vertices @ SMALL.vertices[3]))
     for pairs in ([[0, 20], [20, 0]], [[3, opposite]]):
         found = abfm.match(abfm.Problem(SMALL, None, None, landmarks=pairs))
@@ -103,7 +103,7 @@ def test_functions_and_landmarks_match_together():
 
 
 def test_landmark_errors_are_consistent(tmp_path):
-    """A saved match is consistent with its field, also across thin triangles."""
+    """A saved match loads without a warning, also if flow lines cross thin triangles."""
     mesh = with_thin_triangles(SMALL)
     pairs = np.random.default_rng(3).choice(len(SMALL.vertices), (4, 2), replace=False)
     found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pairs))

@@ -50,7 +50,7 @@ def quarter_apart(name, width):
 def test_defaults_match_within_500_iterations():
     """The defaults match Gaussians a quarter of the surface apart, confirmed by both checks."""
     counts = []
-    # rounding, which depends on the processor, changes the number of iterations by a tenth
+    # rounding, which differs between processors, changes the number of iterations by a tenth
     for change in (0.0, 2e-13):
         match = abfm.match(*quarter_apart("eight.off", 0.1 * (1 + change)))
         assert match.worse_residual <= 0.05
@@ -99,7 +99,7 @@ def test_plain_lbfgs_converges_more_slowly():
 
 
 def test_result_agrees_with_independent_computation():
-    """Each row of the energy history is also reported as an iteration."""
+    """SciPy gives the same advected source and energy; each row of the history is reported."""
     (f, g), seen = pair(SPHERE), []
     p = abfm.Parameters.of(**PAPER, sigma=0.02, cooling_stages=2, iterations=12)
     match = matched(p, on_iteration=seen.append)
@@ -112,7 +112,7 @@ def test_result_agrees_with_independent_computation():
     mismatch = l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g)
     assert match.mismatch == pytest.approx(mismatch, rel=1e-6)
     value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
-    # to the truncation of the series in a search
+    # up to the truncation of the series
     assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)
     assert match.stop_reason == "iteration limit"
     assert match.verdict.kind == "not reached"
@@ -143,7 +143,7 @@ def test_mask_may_refer_to_vertices_of_the_file():
 
 
 def test_cancel_interrupts_a_long_gradient(monkeypatch):
-    """With many sub-steps, only a few more are made until the next checkpoint."""
+    """A gradient of 500 sub-steps is cancelled within a few hundred flow steps."""
     control, steps, of_first = abfm.workers.Control(), 0, 0
     forward = ExponentialFlow.forward
 
@@ -167,7 +167,7 @@ def test_cancel_interrupts_a_long_gradient(monkeypatch):
 
 @pytest.mark.parametrize("skip_checks", [False, True])
 def test_match_cancelled_during_verification_can_continue(skip_checks):
-    """The verification is completed unless the checks are skipped."""
+    """A verification is completed after a cancellation, unless the checks are skipped."""
     control = abfm.workers.Control()
 
     def cancel_check(step):
@@ -184,7 +184,7 @@ def test_match_cancelled_during_verification_can_continue(skip_checks):
 
 @pytest.mark.parametrize("paused", [False, True])
 def test_cancel_before_the_start_returns_the_start(paused):
-    """A paused match is cancelled as well."""
+    """A match cancelled before it begins, also if paused, returns its start."""
     control = abfm.workers.Control()
     control.cancel()
     if paused:
@@ -216,7 +216,7 @@ def test_resume_after_pause_gives_the_same_result():
 
 
 def test_start_continues_from_its_field():
-    """The energy falls further, also with other segments and the schedule of the paper."""
+    """The energy continues to fall, also with other segments and the schedule of the paper."""
     p = abfm.Parameters.of(iterations=10, cooling_stages=1, sigma=0.01, reach=0)
     first = matched(p)
     second = matched(p, start=first.velocity)

@@ -67,20 +67,20 @@ def test_match_survives_failed_verification(monkeypatch):
 @pytest.mark.parametrize("levels", [1, 2])
 @pytest.mark.parametrize("count", [20, 60, 100])
 def test_earlier_variant_survives_out_of_memory(monkeypatch, count, levels):
-    """Each variant begins with a zero field, which matches nothing."""
+    """If memory runs out in a later variant, which begins at zero, the best step is returned."""
     mesh, p = icosphere(3), Parameters.of(levels=levels, refine=0)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.1) for vertex in (0, 30))
     seen = []
     exhaust_memory_after(monkeypatch, count)
     match = abfm.match(mesh, f, g, p, on_iteration=seen.append)
     assert match.stop_reason == "out of memory"
-    # on the mesh itself as on the coarser one, up to the discretisation error of this
+    # up to the discretisation error of the coarser mesh
     found = min(seen[-1].residual, *(step.residual for step in seen[-1].path), 2.0)
     assert match.residual <= 1.01 * found + 0.3 * (levels - 1)
 
 
 def test_memory_error_without_a_field_is_raised(monkeypatch):
-    """The MemoryError of a callback is raised as well."""
+    """A MemoryError before the first field, or of a callback, is raised."""
 
     def note(now):
         if now.iteration == 3:
@@ -106,7 +106,6 @@ VARIANTS = {
 
 @pytest.fixture
 def alive(monkeypatch):
-    """Yield all existing workspaces while garbage collection is disabled."""
     alive = weakref.WeakSet()
 
     def recording(usual):
@@ -138,7 +137,7 @@ def _meshes(mesh):
 @pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS.keys())
 @pytest.mark.parametrize("cancelled", [False, True])
 def test_match_releases_its_workspaces(alive, variant, cancelled):
-    """Also if it is cancelled."""
+    """A completed or cancelled match leaves no workspace in memory."""
     control, shapes = Control(), []
 
     def record(now):

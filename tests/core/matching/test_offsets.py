@@ -92,7 +92,7 @@ def test_residual_is_relative_to_masked_deviation():
     assert functions.residual(functions.source) == pytest.approx(
         functions.norm(functions.source - functions.target) / varying, rel=1e-12
     )
-    # a constant with the mean of the target has residual 1
+    # the residual of a constant with the mean of the target
     assert functions.residual(np.full_like(functions.target, mean)) == pytest.approx(1)
 
 

@@ -29,7 +29,6 @@ GIVEN = {
 
 
 def problem(**changes):
-    """Return a problem with all optional inputs."""
     channels = [np.stack(pair, axis=1) for pair in ((F, G), (G, F))]
     return abfm.Problem(SPHERE, *channels, P, **GIVEN | changes)
 
@@ -40,7 +39,7 @@ def made(request):
 
 
 def test_match_accepts_problem_or_its_arguments():
-    """Both give the same result, and cannot be combined."""
+    """A problem and its arguments give the same result, and cannot be combined."""
     made = problem()
     one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
@@ -113,7 +112,7 @@ def test_problem_copies_its_inputs(value):
 
 
 def test_problem_is_immutable():
-    """The texts of a problem and of its match are short."""
+    """A problem is immutable, and its text and that of its match are short."""
     with pytest.raises(AttributeError, match="parameters"):
         problem().parameters = P
     made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))

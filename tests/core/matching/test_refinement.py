@@ -30,7 +30,7 @@ def random_points(mesh, count=200):
 
 @pytest.mark.parametrize("k", [0, 1, 3])
 def test_points_on_subdivisions_round_trip(k):
-    """Their positions do not change, and neither do linear functions there."""
+    """Converted points have the same positions and the same values of linear functions."""
     points = random_points(BALL)
     there = to_children(points.faces, points.barycentric, k)
     assert_allclose(SurfacePoints(refined(BALL, k), *there).positions, points.positions, atol=1e-13)
@@ -43,7 +43,7 @@ def test_points_on_subdivisions_round_trip(k):
 
 
 def test_mean_of_children_is_weighted_by_area():
-    """It is the inverse of copying to child faces, and its adjoint in L2."""
+    """The mean inverts copying to child faces, and is its adjoint in L2."""
     field = wavy_field(BALL, 0)
     assert_allclose(mean_of_children(np.repeat(field, 16, axis=0)[None], len(field))[0], field)
     fine, random = refined(BALL, 2), np.random.default_rng(0).normal(size=(1, 16 * len(field), 3))
@@ -51,7 +51,6 @@ def test_mean_of_children_is_weighted_by_area():
     by_areas = weighted.reshape(-1, 16, 3).sum(axis=1) / face_areas(BALL)[:, None]
     mean = mean_of_children(random, len(field))[0]
     assert_allclose(mean, by_areas, atol=1e-12)
-    # adjoint to copying, in L2
     copied = np.vdot(weighted, np.repeat(field, 16, axis=0))
     assert copied == pytest.approx(np.vdot(face_areas(BALL)[:, None] * mean, field))
 
@@ -59,7 +58,7 @@ def test_mean_of_children_is_weighted_by_area():
 @pytest.mark.parametrize("method", ["nonlinear", "linearised"])
 @pytest.mark.parametrize("k", [1, 2])
 def test_flow_of_finer_fields_uses_the_finer_mesh(k, method):
-    """Its values are those at the vertices of the mesh."""
+    """Results at vertices are those of the finer mesh, for functions, maps and flow lines."""
     fine, count = refined(BALL, k), len(BALL.vertices)
     fields = np.stack([0.1 * wavy_field(fine, seed) for seed in (0, 1)])
     here, there = Flow(BALL, fields, 2.0, method), Flow(fine, fields, 2.0, method)
@@ -81,7 +80,7 @@ def test_flow_of_finer_fields_uses_the_finer_mesh(k, method):
 
 
 def test_flow_lines_of_finer_fields_use_the_finer_mesh():
-    """Their points refer to the faces of the mesh."""
+    """Lines are those of the finer mesh; their points refer to faces of the mesh itself."""
     fine, points = refined(BALL, 1), random_points(BALL, 5)
     field = wavy_field(fine, 2)
     there = SurfacePoints(fine, *to_children(points.faces, points.barycentric))
@@ -100,7 +99,7 @@ def test_fields_with_a_wrong_number_of_faces_are_refused(faces):
 
 
 def test_refined_problem_extends_the_problem():
-    """The first values are unchanged, and subdivisions can be repeated."""
+    """Values of the old vertices are unchanged, and subdivisions can be repeated."""
     random = np.random.default_rng(0)
     f, g = random.normal(size=(2, len(BALL.vertices), 2))
     start, mask = wavy_field(BALL, 0)[None], random.uniform(0, 1, len(BALL.vertices))
@@ -142,7 +141,7 @@ def test_refined_start_is_more_accurate_than_copies():
 
 
 def test_finer_start_is_used_on_its_own_mesh():
-    """On the mesh itself it is the mean over child faces."""
+    """A start on a subdivision is used there; on the mesh itself, its mean over child faces."""
     finer = wavy_field(refined(BALL, 2), 3)[None]
     given = Problem(BALL, *np.eye(2, len(BALL.vertices)), start=finer)
     assert_array_equal(given.start, mean_of_children(finer, len(BALL.faces)))
@@ -210,7 +209,7 @@ def fine_match():
 
 
 def test_refined_match_is_verified_on_the_finer_mesh(fine_match):
-    """Its velocity and advected source refer to the mesh itself."""
+    """Fields and checks are those of the finer mesh; velocity and values refer to the mesh."""
     found, count = fine_match, len(BALL.vertices)
     assert (found.refined, found.fine.refined) == (1, 0)
     assert found.velocity.shape == (1, len(BALL.faces), 3)

@@ -43,7 +43,7 @@ def test_saved_match_agrees_with_its_field(found, tmp_path):
     loaded = reloaded(found, tmp_path / "m.npz")
     assert loaded.load_warning == ""
     assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
-    # rounding to single precision, and a difference that another scheme may have
+    # rounding to single precision, and a difference as between two schemes
     single = reloaded(
         found,
         tmp_path / "m.npz",
@@ -54,7 +54,7 @@ def test_saved_match_agrees_with_its_field(found, tmp_path):
 
 
 def test_zero_field_is_recomputed(found, tmp_path):
-    """The numbers of a file whose field was set to zero are those without motion."""
+    """If the field of a file is set to zero, its numbers become those of the zero field."""
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
     check_message(loaded.load_warning, f"{found.residual:.3g}")

@@ -47,7 +47,7 @@ def pair(one, other):
 
 @given(SEEDS)
 def test_no_rearrangement_is_below_the_bound(seed):
-    """A flow gives values of the source in another order; residual and mismatch are ratios."""
+    """Any other order of the source's values, as a flow gives, has at least this residual."""
     problem, rng = random_problem(seed), np.random.default_rng(seed)
     source, target, bound = problem.source, problem.target, range_bound(problem)
     given = {"mask": problem.mask, "weights": problem.weights}
@@ -83,7 +83,7 @@ def test_bound_is_scale_invariant_and_monotonic(seed, unit, wider):
 
 
 def test_bound_of_known_functions():
-    # vertices sample both peaks differently
+    # both peaks are sampled at different vertices
     assert range_bound(term(at(0), at(40))) < 0.05
     assert range_bound(term(at(0) - at(180), 0.9 * at(0))) == 0
     flat = np.full(COUNT, 0.5)
@@ -93,7 +93,7 @@ def test_bound_of_known_functions():
 
 
 def test_masked_values_do_not_affect_the_bound():
-    """Neither do channels of weight 0."""
+    """Values below a mask, and channels of weight 0, do not affect bounds and constancy."""
     source, target, mask, flat = at(0), at(0).copy(), np.ones(COUNT), np.full(COUNT, 0.3)
     target[:5], mask[:5] = 9, 0
     assert range_bound(term(source, target)) > 0.5
@@ -105,7 +105,7 @@ def test_masked_values_do_not_affect_the_bound():
     outside = flat.copy()
     outside[:5] = 1
     assert solvability.source_is_constant(term(flat, at(0)))
-    # source values of masked vertices may move elsewhere
+    # a flow may move source values from masked vertices to others
     assert not solvability.source_is_constant(term(outside, at(0), mask))
     assert solvability.target_is_constant(term(at(0), outside, mask))
     assert not solvability.target_is_constant(term(at(0), outside))
@@ -118,11 +118,11 @@ def test_vanished_unmoved_and_squeezed_sources():
     assert not solvability.vanished(problem, (0.5 * at(30))[None])
     assert solvability.hardly_moved(problem, (f + 0.01 * at(30))[None])
     assert not solvability.hardly_moved(problem, (at(20))[None])
-    # the target is also small
+    # not vanished, as the target is also small
     assert not solvability.vanished(term(f, 0.01 * g), (0.01 * at(30))[None])
     assert solvability.distance(term(f, 2 * f)) == 0  # the source is nowhere larger
     assert solvability.squeezed(problem, 0.5 * f[None])
-    assert not solvability.squeezed(problem, 0.8 * f[None])  # not yet
+    assert not solvability.squeezed(problem, 0.8 * f[None])  # not yet small
     assert not solvability.squeezed(problem, halfway[None])
     assert not solvability.squeezed(problem, 0.5 * g[None])  # moved, but smaller
     assert not solvability.squeezed(term(f, 0.4 * f), 0.5 * f[None])  # the target is smaller
@@ -133,7 +133,7 @@ def test_distance_is_that_between_gaussians(degrees):
     mesh, distance = square(20), degrees / 200
     f, g = (bump(mesh, [0.5, y, 0], 0.04) for y in (0.3, 0.3 + distance))
     found = solvability.distance(FunctionTerm(mesh, f, g))
-    # the overlap cancels, which increases the distance of the centres
+    # the overlap cancels, so the centres of the difference are farther apart
     assert distance * 0.95 <= found <= distance + 0.04 * 0.04 * 4 / distance
     assert found == solvability.distance(FunctionTerm(mesh, g, f))
 
@@ -198,8 +198,8 @@ def test_peaks_of_constants_plateaus_and_boundaries():
 
 
 def test_persistence_is_the_height_above_the_pass():
-    """Of two equal Gaussians, one meets the lowest value, the other the saddle in between."""
-    width, distance = 0.15, 1.5  # in sqrt(area), in radians
+    """Of two equal Gaussians, one counts from the lowest value, the other from the saddle."""
+    width, distance = 0.15, 1.5  # in sqrt(area), and in radians
 
     def height(angle):
         return float(np.exp(-((2 * np.sin(angle / 2)) ** 2) / (2 * width**2 * 4 * np.pi)))
@@ -301,7 +301,7 @@ def test_boundaries_are_compared_separately():
 
 
 def test_parts_at_a_pinched_vertex_are_separate():
-    """Two spheres share a vertex; no flow moves a bump from one to the other."""
+    """Two spheres share a vertex, through which no flow moves a bump."""
     count = len(SPHERE.vertices)
     both = np.concatenate([SPHERE.vertices, SPHERE.vertices + np.array([2, 0, 0])])
     ends = int(np.argmax(SPHERE.vertices[:, 0])), count + int(np.argmin(SPHERE.vertices[:, 0]))
@@ -342,7 +342,7 @@ DIAGRAMS = st.lists(st.tuples(*[st.integers(0, 9)] * 2).filter(lambda row: row[0
 
 @given(DIAGRAMS.filter(lambda rows: len(rows) < 4), DIAGRAMS.filter(lambda rows: len(rows) < 4))
 def test_unpaired_peaks_agree_with_all_pairings(one, other):
-    """Compare with the bottleneck distance over all pairings, including the diagonal."""
+    """No peak is unpaired at differences from the bottleneck distance of all pairings on."""
     here, there = ([*rows, *[None] * len(others)] for rows, others in ((one, other), (other, one)))
 
     def cost(a, b):
@@ -373,7 +373,7 @@ def test_resolution_of_a_gaussian_is_its_width(width):
 
 
 def test_resolution_is_invariant():
-    """It does not depend on scale, offset and unit, and is doubled by a subdivision."""
+    """Scale, offset and unit do not change the resolution; a subdivision doubles it."""
     mesh = torus(60, 40)
     f = gaussian(mesh, 100, 4)
     found = resolution(mesh, f)

@@ -51,7 +51,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_matches_are_in_the_order_of_the_problems(executor):
-    """They are those of `match`, and have the meshes of the problems."""
+    """Matches equal those of `match`, in the order of the problems, with their meshes."""
     problems = [problem(index, mesh=SPHERE if index % 2 else OTHER) for index in range(6)]
     found = list(solve_many(iter(problems), executor))
     for one, of in zip(found, problems, strict=True):
@@ -64,11 +64,11 @@ def test_closing_the_iterator_stops_running_matches(executor):
     matches = solve_many([problem(0), problem(1, ENDLESS), problem(2, ENDLESS)], executor)
     next(matches)
     matches.close()
-    assert executor.submit(os.getpid).result(60)  # the worker is free again
+    assert executor.submit(os.getpid).result(60)  # the worker is free for another call
 
 
 def test_match_started_during_closing_stops():
-    """Its first check finds that the marker file was deleted."""
+    """A match that begins while the iterator closes stops, as its marker file was deleted."""
     with ThreadPoolExecutor(1) as executor:
         matches = solve_many([problem(0), problem(1, ENDLESS)], executor)
         next(matches)

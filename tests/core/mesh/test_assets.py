@@ -26,7 +26,7 @@ def test_unknown_asset_suggests_a_similar_name():
 
 
 def test_human_symmetry_maps_faces_to_faces():
-    """The symmetry is an involution."""
+    """The symmetry of the human maps faces to faces, and applied twice it is the identity."""
     opposite = np.loadtxt(asset_path("human.symperm.txt"), dtype=int)
     mesh = load_mesh(asset_path("human_A.off"))
     np.testing.assert_array_equal(opposite[opposite], np.arange(len(mesh.vertices)))

@@ -143,21 +143,20 @@ ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz", "white"]
 
 
 def mesh_or_reason(path):
-    """Return the mesh of a file, or the error message."""
     try:
         return load_mesh(path)
     except MeshError as error:
         return str(error)
 
 
-SIZE, LARGER = 20_000, 300_000  # the larger one is for STL, in which blank lines took minutes
-# bytes; decompressed data may have 64 MiB, of which some versions of Python need two copies
+SIZE, LARGER = 20_000, 300_000  # the larger size is for STL, in which blank lines once took minutes
+# bytes; data of 64 MiB may be decompressed, of which some versions of Python need two copies
 PEAK_BYTES_MAX = 150_000_000
 
 
 @pytest.mark.parametrize("name", HEAVY)
 def test_heavy_files_are_bounded(tmp_path, name):
-    """Each of these files, or a similar one, once took minutes to read."""
+    """Files whose reading once took minutes have bounded memory and a short one-line outcome."""
     path = write(tmp_path, name, HEAVY[name](LARGER if name.endswith("stl") else SIZE))
     tracemalloc.start()
     try:
@@ -172,7 +171,7 @@ def test_heavy_files_are_bounded(tmp_path, name):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_special_files_are_refused(tmp_path, monkeypatch, ending):
-    monkeypatch.chdir(tmp_path)  # as names of sockets must be short
+    monkeypatch.chdir(tmp_path)  # names of sockets must be short
     os.mkfifo(f"pipe.{ending}")
     os.symlink("/dev/zero", f"device.{ending}")
     with socket.socket(socket.AF_UNIX) as listener:

@@ -112,11 +112,11 @@ REFUSED = {
 
 @pytest.mark.parametrize(("vertices", "faces", "named"), REFUSED.values(), ids=REFUSED)
 def test_invalid_mesh_is_refused(vertices, faces, named):
-    """The advised options make the mesh usable."""
+    """An invalid mesh is refused; with the options that the error advises, it becomes usable."""
     with raises(MeshError, *named) as caught:
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
-    assert re.search(r"; expected|\. [A-Z]", str(caught.value))  # the advice
+    assert re.search(r"; expected|\. [A-Z]", str(caught.value))  # an expectation or an advice
     for remedy in caught.value.remedies:
         kept = TriangleMesh(vertices, faces, **remedy.options)
         check_names(remedy.keeps, len(kept.vertices), len(kept.faces))
@@ -128,7 +128,7 @@ def test_indices_from_1_are_named():
 
 
 def test_errors_use_numbers_of_the_input():
-    """Dropped vertices or components do not change the numbers in errors."""
+    """Errors have vertex numbers of the input, before vertices or components are dropped."""
     vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
     faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
     vertices = np.concatenate([np.zeros((2, 3)), vertices])
@@ -148,7 +148,7 @@ def test_largest_component_has_largest_area():
 
 
 def test_unused_vertices_are_dropped():
-    """Unused vertices may have coordinates that are not finite."""
+    """Unused vertices are dropped, even if their coordinates are not finite."""
     unused = [[np.nan, 0, 0], [1e300, 0, 0], [7, 7, 7]]
     kept = np.delete(np.arange(45), [0, 6, 44])
     mesh = TriangleMesh(np.insert(SPHERE.vertices, [0, 5, 42], unused, axis=0), kept[SPHERE.faces])
@@ -178,7 +178,7 @@ def test_vertices_are_numbered_as_in_the_file():
 
 
 def test_pinched_vertices_are_reported():
-    """Two discs, tetrahedra or tori with a common vertex are also one surface."""
+    """Two discs, tetrahedra or tori with a common vertex form one surface, with a message."""
     mesh = TriangleMesh(*glued(disc(2), disc(2), disc(2).vertices - [0, 0, 1]))
     check_message(mesh.messages[0], 1, 0)
     assert len(mesh.boundary_loops) == 2
@@ -241,7 +241,7 @@ def test_sliver_check_is_scale_invariant(power):
 
 @given(power=st.integers(-12, 12), seed=st.integers(0, 2**32 - 1))
 def test_flat_faces_are_scale_and_rotation_invariant(power, seed):
-    """Heights are 1e-11 and 1e-13 of the longest edge, also with a short edge."""
+    """Heights of 1e-11 and 1e-13 of the longest edge decide, also if another edge is short."""
     frame, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     for height, usable in ((1e-11, True), (1e-13, False)):
         for place in (0.3, 1.0 + 1e-5):
@@ -251,7 +251,7 @@ def test_flat_faces_are_scale_and_rotation_invariant(power, seed):
 
 @given(power=st.integers(-12, 12), reach=st.floats(0, 1e6), seed=st.integers(0, 2**32 - 1))
 def test_flat_faces_are_translation_invariant(power, reach, seed):
-    """A face with an edge of 1e-5 has area at offsets that do not exceed rounding."""
+    """A face with an edge of 1e-5 is not flat at offsets of up to 1e6 times its longest edge."""
     random = np.random.default_rng(seed)
     triangle = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1e-5, 0]]) + reach * random.uniform(-1, 1, 3)
     assert not flat_faces(triangle * 10.0**power, np.array(ONE)).any()
@@ -325,7 +325,7 @@ def test_open_surfaces_keep_the_majority_orientation(shape, data):
 
 
 def test_consistent_inward_faces_are_kept():
-    """Inconsistent faces become outward instead."""
+    """Consistent inward faces are kept, but inconsistent ones become outward."""
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
     assert mesh.messages == ()
     assert volume(mesh) < 0
@@ -354,7 +354,7 @@ def test_moebius_strip_is_refused_for_any_orientation(flips):
 
 
 def test_inside_out_is_detected():
-    """Flat surfaces are never inside out."""
+    """A closed surface with inward faces is inside out; a flat surface never is."""
     for mesh in (icosphere(2), torus(12, 8), open_cylinder(12, 4)):
         vertices = mesh.vertices + np.array([7.0, -3.0, 2.0])
         sides = [TriangleMesh(vertices, faces) for faces in (mesh.faces, mesh.faces[:, ::-1])]
@@ -396,9 +396,8 @@ SMALL = [mesh for mesh, *_ in SHAPES.values() if mesh.file_vertex_count < 500]
 
 @pytest.mark.parametrize("mesh", SMALL, ids=str)
 def test_edges_match_corners_and_faces(mesh):
-    found, opposite = edges_of_faces(
-        mesh.faces, 2**31
-    )  # keys too large to be sorted with their places
+    # with so large vertex numbers, keys of edges need another sort
+    found, opposite = edges_of_faces(mesh.faces, 2**31)
     np.testing.assert_array_equal(found, mesh.edges)
     np.testing.assert_array_equal(opposite, mesh.face_edges)
     assert np.all(mesh.edges[:, 0] < mesh.edges[:, 1])

@@ -31,7 +31,7 @@ EACH_SURFACE = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
 @pytest.mark.parametrize("share", [0.6, 0.25, 0.12])
 @EACH_FINE
 def test_coarsening_preserves_topology(fine, share):
-    """The number of vertices is close to the requested one."""
+    """A coarse mesh has the topology of the mesh and about the requested number of vertices."""
     requested = int(share * len(fine.vertices))
     coarse = coarsened(fine, requested)
     assert requested * 0.95 <= len(coarse.vertices) <= 1.2 * requested
@@ -43,7 +43,7 @@ def test_coarsening_preserves_topology(fine, share):
 
 @EACH_FINE
 def test_coarse_mesh_approximates_the_surface(fine):
-    """Its normals have the same orientation."""
+    """Coarse and fine surfaces are within a few edges of each other, with similar normals."""
     coarse = coarsened(fine, len(fine.vertices) // 4)
     edge = fine.length_scale / np.sqrt(len(coarse.faces))
     middles = coarse.vertices[coarse.faces].mean(axis=1)
@@ -57,7 +57,7 @@ def test_coarse_mesh_approximates_the_surface(fine):
 
 @pytest.mark.parametrize("make", [icosphere, lambda k: torus(15 * 2 ** (k - 2), 7 * 2 ** (k - 2))])
 def test_area_converges_with_the_count(make):
-    """With a quarter of the vertices, the missing area has order 2 in the edge length."""
+    """The area that a quarter of the vertices misses is of order 2 in the edge length."""
     missing = []
     for k in (3, 4, 5):
         fine = make(k)
@@ -75,7 +75,7 @@ def median_over_smallest_height(mesh):
 
 
 def test_slivers_collapse_first():
-    """The cylinder has two rings of vertices at a hundredth of the edge length."""
+    """Two rings of vertices at a hundredth of the edge length collapse first."""
     even = open_cylinder(40, 20)
     height = even.vertices[:, 2]
     ring = np.isclose(height, np.unique(height.round(9))[10])
@@ -85,7 +85,7 @@ def test_slivers_collapse_first():
 
 
 def test_coarsening_is_reproducible_and_cached():
-    """Scaling by powers of two does not change the result."""
+    """Coarse meshes are cached, and scaling by powers of two changes no face."""
     mesh, one = FINE["body"], coarsened(FINE["body"], 300)
     for unit in (1.0, 2.0**20, 2.0**-20):
         other = coarsened(TriangleMesh(unit * mesh.vertices, mesh.faces), 300)
@@ -110,7 +110,7 @@ def test_impossible_coarsening_returns_none(mesh, count):
 
 @EACH_SURFACE
 def test_children_cover_their_parent(mesh):
-    """Subdivision preserves the topology."""
+    """The four children of a face cover it, and subdivision preserves the topology."""
     fine = subdivided(mesh)
     assert_allclose(face_areas(fine), np.repeat(face_areas(mesh) / 4, 4))
     normals = np.repeat(face_normals(mesh), 4, axis=0)
@@ -121,7 +121,7 @@ def test_children_cover_their_parent(mesh):
         assert_array_equal(corners[:, c, c], parents[:, c])
         middle = (parents[:, (c + 1) % 3] + parents[:, (c + 2) % 3]) / 2
         assert_allclose(corners[:, 3, c], middle, rtol=0, atol=1e-15)
-    # children at corners are scaled copies of the parent
+    # the children at corners are scaled copies of the parent
     halves = (parents[:, None] + parents[:, :, None]) / 2
     assert_allclose(corners[:, :3], halves, rtol=0, atol=1e-15)
     count = len(mesh.vertices)

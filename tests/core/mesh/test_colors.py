@@ -91,7 +91,7 @@ WRITERS = [as_obj, as_trimesh_obj, as_trimesh_glb]
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
 def test_texture_coordinates_of_renumbered_meshes(folder, writer, seed):
-    """Files may split and number vertices differently."""
+    """Coordinates are found in files that split and number vertices differently."""
     places = coordinates(MESH)
     path = writer(folder, MESH, places)
     mesh, _, faces = renumbered(MESH, seed)
@@ -120,7 +120,7 @@ def test_colors_fit_the_surface_of_the_file(tmp_path, writer):
 
 @pytest.mark.parametrize("moved", [1.0, 2.0])
 def test_texture_coordinates_after_merging(tmp_path, moved):
-    """The file has a vertex for each corner. Faces may be identified by numbers alone."""
+    """A file with a vertex for each corner fits the merged mesh, also by numbers alone."""
     corners = SimpleNamespace(
         vertices=MESH.vertices[MESH.faces.ravel()], faces=np.arange(MESH.faces.size).reshape(-1, 3)
     )
@@ -131,7 +131,7 @@ def test_texture_coordinates_after_merging(tmp_path, moved):
 
 
 def test_moved_surfaces_are_identified_by_numbers(tmp_path):
-    """Vertex 5 of the file belongs to no face."""
+    """A moved surface is identified by vertex numbers; vertex 5 of the file has no face."""
     with_unused = SimpleNamespace(
         vertices=np.insert(MESH.vertices, 5, 9.0, axis=0), faces=MESH.faces + (MESH.faces >= 5)
     )
@@ -141,7 +141,7 @@ def test_moved_surfaces_are_identified_by_numbers(tmp_path):
 
 
 def test_colors_after_repairs(tmp_path):
-    """Faces were flipped, and a component was removed."""
+    """Colours fit a mesh with flipped faces and without one component of the file."""
     two = np.concatenate([MESH.vertices, 0.2 * MESH.vertices + 5])
     faces = np.concatenate([MESH.faces, MESH.faces + len(MESH.vertices)])
     faces[::2] = faces[::2, [1, 0, 2]]
@@ -150,7 +150,7 @@ def test_colors_after_repairs(tmp_path):
     mesh = load_mesh(path, largest_component=True)
     found = load_colors(path, mesh).coordinates
     assert_array_equal(np.sort(found, axis=1), np.sort(places[: len(MESH.faces)], axis=1))
-    x = two[faces[: len(MESH.faces)]][..., 0]  # in the order of corners of the coordinates
+    x = two[faces[: len(MESH.faces)]][..., 0]  # corners in the order of the texture coordinates
     assert_array_equal(
         np.sort(mesh.vertices[mesh.faces][..., 0] + 10 * found[..., 0], axis=1),
         np.sort(x + 10 * places[: len(MESH.faces), :, 0], axis=1),
@@ -188,7 +188,7 @@ def test_mtl_materials_are_read(tmp_path):
 
 
 def test_vertex_colors_are_read(tmp_path):
-    """PLY, OBJ and glTF have vertex colours; those of glTF are linear."""
+    """Vertex colours of PLY, OBJ and glTF are read; those of glTF are linear."""
     mesh = tetrahedron()
     colors = np.array([[255, 0, 51, 255], [0, 102, 255, 51], [204, 204, 204, 255], [1, 2, 3, 4]])
     expected = (colors / 255)[mesh.faces]
@@ -248,7 +248,7 @@ def test_gltf_texture_coordinates_and_samplers(tmp_path):
 
 
 def test_gltf_texture_transforms_and_factors(tmp_path):
-    """The image is a separate file."""
+    """Transforms and colour factors apply to a texture whose image is a separate file."""
     write(tmp_path, "i i.png", image())
     transform = {"KHR_texture_transform": {"scale": [2, 0.5], "offset": [0.25, 0]}}
     base = {"baseColorTexture": {"index": 0, "extensions": transform}}
@@ -323,7 +323,7 @@ def test_invalid_gltf_colors_are_refused(tmp_path, changes, named):
     ],
 )
 def test_invalid_obj_colors_are_refused(tmp_path, text, named):
-    """OBJ files of another surface are also refused."""
+    """Invalid colours in OBJ files, and files of another surface, are refused."""
     write(tmp_path, "i.png", image())
     write(tmp_path, "o.mtl", b"newmtl a\nmap_Kd -s 2 2 2 i.png\n")
     write(tmp_path, "d.mtl", b"newmtl a\nmap_Kd i.png\n")
@@ -393,7 +393,7 @@ NAMES = [
 
 @pytest.mark.parametrize("name", NAMES)
 def test_images_are_found_by_name(tmp_path, name):
-    """Paths of other computers refer to files of the same folder."""
+    """An image with a path of another computer is found by its name in the same folder."""
     folder = tmp_path / "inner"
     folder.mkdir()
     write(tmp_path, "my skin.png", b"another one")

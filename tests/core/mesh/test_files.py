@@ -173,12 +173,12 @@ def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
 
 
 def test_gltf_seams_are_closed(tmp_path):
-    """Two halves of a sphere, one moved by its node; every face has its own vertices."""
+    """Two halves of a sphere with separate faces, one moved by its node, become one surface."""
     sphere = icosphere(1)
     scene = trimesh.Scene()
     for half, shift in ((sphere.faces[:37], 0.0), (sphere.faces[37:], 8.0)):
         corners = sphere.vertices[half].reshape(-1, 3) - [shift, 0, 0]
-        # rounded to a grid that is exact in single precision, as shifted positions would differ
+        # on a grid that is exact in single precision, so that shifted positions do not differ
         corners = np.round(corners.astype(np.float32) * 2**10) / 2**10
         part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
         placed = trimesh.transformations.translation_matrix([shift, 0, 0])
@@ -384,7 +384,7 @@ def test_convex_polygons_are_fans(seed, count):
 
 @pytest.mark.parametrize("shift", range(4))
 def test_concave_quad_is_split_at_its_dent(shift):
-    dart = np.array([[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0]])  # the dent is corner 2
+    dart = np.array([[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0]])  # corner 2 is the dent
     row = np.roll(np.arange(4), shift)
     faces = split(dart, row).faces
     assert all({0, 2} <= set(face) for face in faces.tolist())
@@ -392,7 +392,7 @@ def test_concave_quad_is_split_at_its_dent(shift):
 
 
 def test_straight_corner_makes_no_flat_triangle():
-    """The fan around corner 0 would have one: 0, 1 and 2 lie on a line."""
+    """Corners 0, 1 and 2 lie on a line, so the triangles are not a fan around corner 0."""
     points = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
     areas = np.linalg.norm(area_vectors(np.array(points), split(points, range(5)).faces), axis=1)
     assert areas.min() > 0.1
@@ -408,7 +408,7 @@ def test_other_polygons_keep_their_fans():
 
 
 def test_self_intersecting_polygon_is_a_fan():
-    """The pentagram winds twice around its centre. There is a warning."""
+    """A pentagram, which winds twice around its centre, becomes a fan with a warning."""
     angle = 4 * np.pi * np.arange(5) / 5 + 0.1
     points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     contents = split(points, range(5))

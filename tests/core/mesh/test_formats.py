@@ -60,7 +60,7 @@ TEXT_STL = exported(SPHERE.vertices, SPHERE.faces, "stl_ascii")
 
 
 def test_text_stl_without_end_is_read(tmp_path):
-    """A byte order mark is ignored."""
+    """A text STL without its last line is read, and a byte order mark is ignored."""
     mesh = load_mesh(write(tmp_path, "a.stl", b"\xef\xbb\xbf" + TEXT_STL))
     assert mesh.is_closed
     end = TEXT_STL.rindex(b"endsolid")
@@ -87,7 +87,7 @@ def test_ply_property_names_are_read(tmp_path, content):
 
 
 def test_ply_rows_may_have_more_words(tmp_path):
-    """MeshLab wrote colours of corners in this way. Lines may also break anywhere."""
+    """Rows with more words (colours of corners, by MeshLab) and other line breaks are read."""
     header, rows = PLY.split(b"end_header\n")
     for more in (b" 9 1 1 1", b" 7"):
         text = header + b"end_header\n" + rows.replace(b" 0.5", b" 0.5" + more)
@@ -105,7 +105,7 @@ def test_ply_with_repeated_name_is_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", ["ascii", "binary_big_endian"])
 def test_ply_strips_have_one_orientation(tmp_path, kind):
-    """Two strips share a list, as in Stanford files, and one has its own list."""
+    """Strips that share a list, as in Stanford files, and a separate strip have one orientation."""
     points = np.array([[x, y, 0] for x in range(4) for y in range(2)], dtype=float)
     rows = [[0, 2, 1, 3, -1, 2, 4, 3, 5, -1], [4, 6, 5, 7]]
     content = ply_bytes(points, rows, kind).replace(b"element face", b"element tristrips")

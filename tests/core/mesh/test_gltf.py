@@ -273,7 +273,7 @@ def test_skins_place_vertices_by_their_joints(tmp_path, kind, mirrored):
     expected = np.einsum("vk,kvx->vx", normalized[:, :2], placed) * [sign, 1, 1]
     np.testing.assert_allclose(mesh.vertices, expected, atol=1e-5)
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    assert np.einsum("fx,fx->", a, np.cross(b, c)) > 0  # the volume is positive
+    assert np.einsum("fx,fx->", a, np.cross(b, c)) > 0  # faces are outward
 
 
 SKINNED = {
@@ -314,7 +314,7 @@ def test_invalid_morph_or_skin_is_refused(tmp_path, changes, named):
 
 
 def test_sparse_targets_move_some_vertices(tmp_path):
-    """As written by Blender: without other data, or in place of some of them."""
+    """Sparse morph targets of Blender, alone or replacing parts of other data, move vertices."""
     places, shifts = np.array([[3], [7]], "<u2"), np.array([[0, 0, 1], [0, 2, 0]], "<f4")
     sphere, content = _with_arrays(
         [places, shifts],
@@ -349,7 +349,7 @@ def test_animations_are_reported(tmp_path):
 
 
 def test_primitives_share_their_vertices(tmp_path):
-    """The number of primitives is not limited, unlike that of placed copies."""
+    """Any number of primitives share vertices; only the number of placed copies is limited."""
     parts = [_primitive() for _ in range(3000)]
     _, content = _with_arrays([], meshes=[{"primitives": parts}])
     found = gltf.read_gltf(open_file(write(tmp_path, "a.glb", content)))

@@ -18,7 +18,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(1)
 V, F = SPHERE.vertices, SPHERE.faces
-# a cube of quadrilaterals with outward normals
+# the quadrilaterals of a cube, outward
 CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 QUADS = np.array(
     [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -141,7 +141,7 @@ def test_strips_become_oriented_triangles():
     mesh = load_mesh(poly_data(V, rest, strips))
     assert mesh.is_closed
     assert len(mesh.faces) == len(F)
-    assert not mesh.messages  # no face was flipped
+    assert not mesh.messages
     assert mesh.length_scale == pytest.approx(SPHERE.length_scale)
 
 
@@ -231,7 +231,7 @@ def test_trimesh_has_the_same_order():
     assert isinstance(found, trimesh.Trimesh)
     assert_array_equal(found.vertices, V)
     assert_array_equal(found.faces, F)
-    found.vertices += 1.0  # the mesh does not change
+    found.vertices += 1.0  # the mesh itself does not change
     assert_array_equal(SPHERE.vertices, V)
 
 

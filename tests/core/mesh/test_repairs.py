@@ -47,7 +47,7 @@ def same_topology(mesh, other):
 
 @given(shape=shapes, seed=seeds, jitter=st.sampled_from([0.0, 1e-7]), power=st.integers(-9, 9))
 def test_merging_undoes_splitting(shape, seed, jitter, power):
-    """In any unit of length, the first vertex of the file replaces its copies."""
+    """In any unit of length, merging keeps the first vertex of the file and drops its copies."""
     vertices, faces, was = split(shape, np.random.default_rng(seed), jitter)
     mesh = TriangleMesh(vertices * 10.0**power, faces, merge=True)
     assert len(mesh.vertices) == len(shape.vertices)
@@ -75,7 +75,7 @@ def test_valid_mesh_is_not_changed(shape):
 
 
 def test_merging_is_reported():
-    """Vertices that no face uses are not merged."""
+    """A message has the number of merged vertices; vertices without faces are not merged."""
     vertices = np.concatenate([SPHERE.vertices[:1], SPHERE.vertices, SPHERE.vertices[[3]]])
     faces = SPHERE.faces + 1
     faces[np.argwhere(faces == 4)[0][0], np.argwhere(faces == 4)[0][1]] = 43
@@ -131,11 +131,11 @@ def test_values_that_differ_between_copies_are_reported():
     check_message(str(caught[0].message), 2, len(mesh.copies), *mesh.copies[0])
     assert_array_equal(kept, was[mesh.vertex_ids])
     values[:] = np.nan
-    assert np.isnan(mesh.restrict(values)).all()  # without a warning
+    assert np.isnan(mesh.restrict(values)).all()  # no warning for these values
 
 
 def test_copies_are_stored_in_files():
-    """Subdivision also preserves them."""
+    """Copies of merged vertices are stored in files and preserved by subdivisions."""
     vertices, faces, _ = split(SPHERE, np.random.default_rng(1))
     mesh = TriangleMesh(vertices, faces, merge=True)
     read = results.mesh_of(results.mesh_arrays(mesh))
@@ -169,9 +169,9 @@ def test_repeated_and_degenerate_faces_are_removed(shape, seed):
 
 @given(shape=shapes, seed=seeds, count=st.integers(1, 3))
 def test_faces_without_area_leave_no_hole(shape, seed, count):
-    """New vertices in the middle of an edge belong to only one of its faces.
+    """Removed faces without area leave no hole between the faces that they connected.
 
-    Faces without area connect them to the other one.
+    They connect a vertex in the middle of an edge to the face on its other side.
     """
     rng = np.random.default_rng(seed)
     inner = np.flatnonzero(~shape.is_boundary_edge)
@@ -244,7 +244,7 @@ def test_attached_sheets_are_removed(doubled):
 
 
 def test_unsafe_cleaning_is_refused():
-    """A wall inside a surface may belong to either side. A doubled sheet keeps one side."""
+    """A wall inside a surface could belong to either side; a doubled sheet keeps one side."""
     half, wall = hemisphere(4), disc(4)
     parts = [half.vertices, half.vertices * [1, 1, -1], wall.vertices]
     starts = np.cumsum([0, *map(len, parts)])
@@ -259,7 +259,6 @@ def test_unsafe_cleaning_is_refused():
 
 
 def hemispheres(swapped, axis=0):
-    """Return the vertices and faces of two bumpy spheres next to each other."""
     left = SPHERE.vertices * (1 + 0.1 * SPHERE.vertices[:, [2]])
     two = [left - 1.1 * np.eye(3)[axis], left * [-1, 1, 1] + 1.1 * np.eye(3)[axis]]
     vertices = np.concatenate(two[::-1] if swapped else two)
@@ -287,7 +286,7 @@ def test_hemisphere_is_chosen_by_x(swapped):
 
 @pytest.mark.parametrize("scale", [1.0, 1.05])
 def test_hemispheres_at_one_place_have_the_file_order(scale):
-    """As for the spheres of both hemispheres in one file."""
+    """Spheres of both hemispheres at one place are left and right in the order of the file."""
     both = SPHERE.vertices, scale * SPHERE.vertices
     vertices, faces = np.concatenate(both), np.concatenate([SPHERE.faces, SPHERE.faces + 42])
     with raises(MeshError, 2, "--hemisphere L", "first", "--hemisphere R", "second") as caught:
@@ -314,7 +313,7 @@ def test_specks_belong_to_a_hemisphere(shift):
 
 
 def test_interleaved_components_are_not_hemispheres():
-    """Every second vertex belongs to the other component."""
+    """Components whose vertex numbers alternate are not taken as hemispheres."""
     vertices = np.repeat(SPHERE.vertices, 2, axis=0)
     faces = np.concatenate([2 * SPHERE.faces, 2 * SPHERE.faces + 1])
     with raises(MeshError, 2, "--largest-component") as caught:
@@ -325,13 +324,13 @@ def test_interleaved_components_are_not_hemispheres():
 
 
 def test_surface_without_extent_has_no_hemispheres():
-    """As in a FreeSurfer file whose vertices all have the same position."""
+    """A surface whose vertices all have one position, as in some FreeSurfer files, is refused."""
     with raises(MeshError, 2):
         TriangleMesh(np.full((5, 3), 0.3), [[0, 1, 3], [1, 3, 4], [2, 2, 2]])
 
 
 def test_remaining_defect_is_reported():
-    """The larger of two components has an edge with four faces."""
+    """If the larger of two components has an edge with four faces, the error reports it."""
     one = tetrahedron()
     other = TriangleMesh(one.vertices * [1, 1, -1] + [0, 0, 4], one.faces[:, ::-1])
     vertices = np.concatenate([one.vertices, one.vertices + np.array([0, 0, 9])])
@@ -343,7 +342,7 @@ def test_remaining_defect_is_reported():
 
 
 def test_seam_of_a_connected_surface_is_reported():
-    """The sides of the cylinder have equal positions, but only one vertex in common."""
+    """A cylinder whose sides have equal positions but one common vertex has a message."""
     mesh = open_cylinder(6, 4)
     ring = np.flatnonzero(np.isclose(mesh.vertices[:, 1], 0) & (mesh.vertices[:, 0] > 0))[:-1]
     copies = len(mesh.vertices) + np.arange(len(ring))

@@ -32,7 +32,7 @@ def test_released_factorisations_leak_no_memory():
     done = python(REPEATED_FACTORISATION, check=True)
     assert not done.stderr
     each = int(done.stdout) * (1 if sys.platform == "darwin" else 1024) / TIMES
-    assert each < UNKNOWNS  # bytes; a leaked right-hand side has eight for each unknown
+    assert each < UNKNOWNS  # bytes; a leaked right-hand side has eight bytes for each unknown
 
 
 @pytest.mark.parametrize("unknowns", [0, 1, 2, 50])
@@ -47,7 +47,7 @@ def test_solver_solves_linear_systems(unknowns, by_cholespy, monkeypatch):
     for x in rng.standard_normal((2, unknowns)):
         given = matrix @ x
         np.testing.assert_allclose(solve(given), x, atol=1e-12)
-        np.testing.assert_array_equal(given, matrix @ x)  # the input is unchanged
+        np.testing.assert_array_equal(given, matrix @ x)  # b itself is unchanged
 
 
 RUNS = """
@@ -102,7 +102,7 @@ with_little_more(lambda: cholesky.factor(grid)(np.ones(3600)), most=8_000)
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot limit memory")
 @pytest.mark.parametrize("what", [DISTANCES, FACTORISATION], ids=["distances", "factorisation"])
 def test_missing_memory_is_detected_before_the_library_call(what):
-    """Inside the library it might raise MemoryError (3) or crash (below 0)."""
+    """Too little memory is an error (status 3 below) before the library could crash (below 0)."""
     done = python(RUNS + what, check=True)
     assert set(done.stdout.split()) == {"0", "1"}
     assert done.stderr == ""

@@ -26,7 +26,7 @@ def all_kernels():
 
 
 def test_no_kernel_is_a_generator():
-    """Numba fails to compile the caller of a generator that another process left on disk."""
+    """No kernel is a generator: with one in the cache on disk, Numba cannot compile its caller."""
     kernels = list(all_kernels())
     assert len(kernels) > 50
     assert [k.__qualname__ for k in kernels if inspect.isgeneratorfunction(k)] == []
@@ -78,7 +78,7 @@ def test_invalid_numba_settings_give_one_line(value):
 
 
 def test_compilation_is_reported_as_a_step():
-    twice = numba.njit(lambda x: 2 * x)  # not cached on disk, unlike kernels
+    twice = numba.njit(lambda x: 2 * x)  # not cached on disk, so it is always compiled
     reported = []
     with reporting_steps(reported.append):
         for _ in range(2):

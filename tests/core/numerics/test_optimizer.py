@@ -39,7 +39,7 @@ def rosenbrock(x):
 
 
 def test_rosenbrock_minimum_equals_scipy():
-    """A stationary start is converged."""
+    """The minimum is that of SciPy, and a start at the minimum is converged."""
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
     expected = minimize(rosen, start, jac=rosen_der, method="BFGS").x
@@ -83,7 +83,7 @@ def test_infinite_energies_shorten_the_step():
 
 
 def test_failed_line_search_keeps_the_iterate():
-    """Without a lower energy the stop reason is "line search failed"."""
+    """If no step lowers the energy, the iterate stays and the reason is "line search failed"."""
     search = LBFGS(lambda x: Point(float(x @ x), -2 * x))
     state, energies = run(search, [1.0, 2.0])
     assert search.stop_reason(state) == "line search failed"
@@ -147,7 +147,7 @@ def test_slopes_are_computed_only_at_low_values():
     start = Trial(0.0, 1.0, -2.0, Point(1.0, np.array([-2.0])))
     found = strong_wolfe(evaluate, slope_at, start, 25.0, np.inf)
     assert tried[:2] == [25.0, 2.5]
-    assert len(tried) == 3  # the parabola through 0 and 2.5 has its minimum at 1
+    assert len(tried) == 3  # the minimum of the parabola through the values at 0 and 2.5
     assert found.length == pytest.approx(1.0)
     assert slopes == [found.value]
 

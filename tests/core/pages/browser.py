@@ -16,7 +16,7 @@ from selenium.webdriver.common.keys import Keys
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FLAGS = (
     "--headless=new",
-    "--no-sandbox",  # not available in containers
+    "--no-sandbox",  # the sandbox is not available in containers
     "--disable-background-networking",
     "--disable-component-update",
     "--no-first-run",
@@ -114,7 +114,6 @@ class Shown:
         return self.picture()[round(y - h) : round(y + h), round(x - w) : round(x + w)]
 
     def centre(self, number=0):
-        """Return the color at the center of a panel."""
         return np.median(self.surface(number, 0.02).reshape(-1, 3), axis=0)
 
     def drag(self, number, dx, dy):

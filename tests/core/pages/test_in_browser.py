@@ -26,7 +26,7 @@ FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 COLORS = ColorRange("abfm sequential", 0.0, 1.0)
 BALL = icosphere(4)
 TIMES = np.array([10.0, 11.0, 14.0])
-LIGHT = 0.35 + 0.65 * (0.5 + 0.5 * 0.76)  # on a surface that faces the viewer
+LIGHT = 0.35 + 0.65 * (0.5 + 0.5 * 0.76)  # of a surface that faces the viewer
 EVIL = "</script><script>document.title='broken'</script> & \"quoted\""
 
 
@@ -76,6 +76,7 @@ def page(*panels, clock=CLOCK):
 
 
 def test_time_bar_interpolates_frames(open_page):
+    """The time bar shows frames, and interpolates between them."""
     shown = open_page(page())
     np.testing.assert_allclose(shown.centre(), color_of(0.0), atol=4)
     shown.go(Keys.END, 14.0)
@@ -122,7 +123,7 @@ def test_panels_rotate_together_and_reset(open_page):
     shown = open_page(page(one, replace(one, title="two")))
     before = [shown.surface(number) for number in range(2)]
     np.testing.assert_allclose(before[0], before[1], atol=3)
-    assert np.abs(before[0][:, :100] - before[0][:, -1:-101:-1]).max() > 50  # two sides
+    assert np.abs(before[0][:, :100] - before[0][:, -1:-101:-1]).max() > 50  # two sides, two colors
     shown.drag(0, 40, 0)
     turned = [shown.surface(number) for number in range(2)]
     assert np.abs(turned[0] - before[0]).max() > 50
@@ -205,7 +206,6 @@ def test_mouse_shows_values(open_page):
 
 
 def clicked(shown, dx):
-    """Click at a horizontal offset from the center of a panel."""
     left, top, right, bottom = shown.boxes()[0]
     x, y = round((left + right) / 2 + dx), round((top + bottom) / 2)
     mouse = ActionChains(shown.driver)
@@ -237,7 +237,7 @@ def test_click_plots_a_value_over_time(open_page):
         shown.go(Keys.HOME, 10.0)
     left, _, right, _ = shown.boxes("#marker")[0]
     assert (left + right) / 2 == pytest.approx(sum(shown.boxes()[0][::2]) / 2 - 60, abs=10)
-    clicked(shown, -0.45 * SIZE[0])  # outside the surface
+    clicked(shown, -0.45 * SIZE[0])  # a click outside the surface
     shown.until(lambda: not shown.find("#plot").is_displayed())
 
 
@@ -310,7 +310,7 @@ def test_times_of_any_size_are_distinguished(open_page, start, unit):
     shown.until(lambda: shown.drawn() == times[1])
     surface = shown.surface(across=0.2)
     np.testing.assert_allclose(np.median(surface.reshape(-1, 3), axis=0), color_of(1.0), atol=4)
-    assert (surface[:, :, 0] > 240).sum() > 50  # the dot
+    assert (surface[:, :, 0] > 240).sum() > 50  # the dot of the current value
     texts = {shown.find("#now").text}
     shown.press(Keys.END)
     shown.until(lambda: shown.drawn() == times[-1])
@@ -339,7 +339,7 @@ def test_labels_of_color_bar_are_short_and_distinct(open_page, low, high, expect
 
 
 def test_arrows_are_visible_in_their_interval(open_page):
-    """Arrows on steep parts of the surface are hidden."""
+    """Arrows appear in their interval, but not on parts of the surface that are seen steeply."""
     arrow_starts, tips = (
         np.array([[-0.2, 0.0, 1.1]] * 2),
         np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]]),
@@ -393,7 +393,7 @@ def test_arrows_are_visible_in_their_interval(open_page):
 
 
 def test_lines_have_round_joints(open_page):
-    """The pixels around a sharp corner are covered like a disc."""
+    """The pixels around a sharp corner of a line are covered like a disc."""
     corner, width = np.array([0.0, 0.0, 1.1]), 16.0
     for turned in (-0.4, 0.3):
         points = np.array([[-0.5, -0.1, 1.1], corner, [turned, 0.5, 1.1]])
@@ -509,7 +509,7 @@ def test_layout_fits_phone_and_wide_screens(open_page, size):
 
 
 def test_static_pages_fit_a_phone(driver, tmp_path):
-    """Wide tables, long names and long reasons do not widen a page."""
+    """Wide tables, long names and long reasons do not make a page wider than a phone."""
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
     reason = "a/" * 60 + "b.off: there is no such file"
     failed = SummaryRow(LedgerEntry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
@@ -532,7 +532,7 @@ def test_notebook_view_is_drawn_in_its_frame(driver, tmp_path):
     try:
         shown.until(lambda: shown.script("document.body.dataset.drawn !== undefined"))
         assert not shown.find("header").is_displayed()
-        assert not shown.find("#bars").text  # no color bar without values
+        assert not shown.find("#bars").text  # without values there is no color bar
         middle = shown.find("#stage").rect
     finally:
         driver.switch_to.default_content()

@@ -133,7 +133,7 @@ def test_hostile_names_are_escaped(tmp_path):
     assert "<script>document" not in view
     assert "<img" not in view
     page = frame_of(view)
-    assert page.count("<script") == 3  # data, arrays and the script
+    assert page.count("<script") == 3  # scripts: data, arrays and the program
     assert "<img" not in page
     assert view.count("<iframe") == 1
 

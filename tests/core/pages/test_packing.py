@@ -68,7 +68,7 @@ def test_constant_and_unknown_values():
 
 def test_points_are_restored_within_half_a_step():
     points = ellipsoid(3, 1.0, 0.7, 0.2).vertices
-    for each in (points, points * [1.0, 1.0, 0.0]):  # also for points in a plane
+    for each in (points, points * [1.0, 1.0, 0.0]):  # also points in a plane
         numbers, low, steps = quantized_points(each)
         half_step = np.ptp(each, axis=0).max() / 65535 / 2
         assert np.abs(low + steps * numbers - each).max() <= 1.001 * half_step

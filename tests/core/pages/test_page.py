@@ -55,7 +55,6 @@ class Parts(HTMLParser):
 
 
 def wave(mesh, count):
-    """Return a wave around the axis z."""
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
     return np.cos(3 * angle - 2 * np.pi * np.linspace(0, 1, count)[:, None]) * np.hypot(
         *mesh.vertices[:, :2].T
@@ -77,7 +76,7 @@ def text():
 
 
 def test_page_of_60_frames_is_below_2_megabytes():
-    """The surface has 10,242 vertices."""
+    """A page of 60 frames on 10,242 vertices is below 2 MB."""
     mesh = icosphere(5)
     rng = np.random.default_rng(0)
     noisy = wave(mesh, 60) + 0.1 * rng.normal(size=(60, 10_242))
@@ -86,7 +85,7 @@ def test_page_of_60_frames_is_below_2_megabytes():
 
 
 def test_page_of_noise_is_below_14_megabytes():
-    """The sequence has the maximum number of values of a page."""
+    """A page with the maximum number of values, which are noise, is below 14 MB."""
     store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
     store.add(quantized(noise).numbers)
     values_max = VALUES_MAX + 2 * PART_VALUES_MAX

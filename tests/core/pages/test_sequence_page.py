@@ -45,7 +45,7 @@ def test_colors_are_frames_and_interpolated_frames(sequence, page):
 
 
 def test_other_layers_are_divergence_and_curl(sequence, page):
-    """Their times are the midpoints of intervals."""
+    """Divergence and curl are further layers, at the midpoints of intervals."""
     names = [layer.name for layer in page.panels[0].layers]
     assert names == ["potential", "divergence", "curl"]
     for layer, values in zip(
@@ -144,7 +144,7 @@ def test_unknown_part_of_the_surface_is_noted(sequence):
     notes = page.notes
     check_message(notes[1])
     share = notes[1].partition("%")[0]
-    assert float(share) == pytest.approx(25, abs=2)  # Archimedes' hat box
+    assert float(share) == pytest.approx(25, abs=2)  # the area of a spherical cap
 
 
 def test_constant_sequence_has_no_arrows():
@@ -157,8 +157,6 @@ def test_constant_sequence_has_no_arrows():
 
 
 class FramePair:
-    """Two frames without a solution, averaged between them."""
-
     mesh, times, unknown = icosphere(2), np.array([0.0, 1.0]), None
 
     def __init__(self, frames):

@@ -46,7 +46,7 @@ def test_unrelated_function_is_an_outlier():
 
 
 def test_outlier_does_not_change_other_similarities():
-    """The mean of the others excludes the outlier."""
+    """A subject's similarity is that to the mean of the others, without outliers."""
     found = find_outliers(with_outlier(50 * RNG.normal(size=200)))
     assert not found.fits[9]
     alone = find_outliers(data_of(ALIKE))
@@ -75,7 +75,7 @@ def test_few_subjects_have_no_outliers():
 
 
 def test_equally_different_subjects_are_included():
-    """An outlier differs more than all subjects differ from each other."""
+    """An outlier differs more from the mean than all subjects differ from each other."""
     assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 
@@ -109,9 +109,8 @@ def test_folds_and_distortion_exclude_a_subject():
         return [*similarities, Similarity(np.nan, np.nan, log2_area, folded)]
 
     assert find_outliers(data_of(ALIKE), maps()).fits.all()
-    assert find_outliers(
-        data_of(ALIKE), maps(log2_area=0.4)
-    ).fits.all()  # larger than the others, but small
+    # larger than that of the others, but acceptable
+    assert find_outliers(data_of(ALIKE), maps(log2_area=0.4)).fits.all()
     distorted = find_outliers(data_of(ALIKE), maps(log2_area=1.5))
     assert distorted.fits.tolist() == [True] * 8 + [False]
     check_message(distorted.reasons[8], "|log2 J|", "1.50")

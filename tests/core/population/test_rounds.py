@@ -158,7 +158,7 @@ def error(mean, f=height):
 
 
 def test_equal_subjects_equal_their_mean(tmp_path):
-    """The variance is 0."""
+    """The mean of equal subjects is the subject, with variance 0."""
     place = Place(tmp_path)
     for name in "abc":
         place.add(name, height(MESH.vertices))
@@ -172,7 +172,7 @@ def test_equal_subjects_equal_their_mean(tmp_path):
 
 
 def test_template_object_preserves_vertex_numbers(tmp_path):
-    """Unused vertices come first; functions and vertex numbers refer to all vertices."""
+    """Functions and vertex numbers count unused vertices of the template, which come first."""
     place = Place(tmp_path)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height))
@@ -202,7 +202,7 @@ def test_opposite_flows_have_the_template_as_mean(tmp_path):
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height))
     found = place.registered()
-    assert error(found.before[0, :, 0]) > 0.35  # initial error
+    assert error(found.before[0, :, 0]) > 0.35  # the error of the initial map
     assert error(found.mean()) < 0.6 * error(found.plain_mean()) < 0.1
     phase = found.phase_and_amplitude()
     assert phase.phase > 0.95 * phase.total
@@ -210,7 +210,7 @@ def test_opposite_flows_have_the_template_as_mean(tmp_path):
 
 
 def test_template_does_not_drift_to_first_target(tmp_path):
-    """All subjects are on one side of the given first target; the mean is at their center."""
+    """The mean is at the center of the subjects, although the first target has all on one side."""
     place = Place(tmp_path)
     for name in ("plus", "minus", "still"):
         place.add(name, pushed(FIELDS[name] + field(1), height))
@@ -223,7 +223,7 @@ def test_template_does_not_drift_to_first_target(tmp_path):
 
     assert off(height(MESH.vertices)) > 0.2
     assert off(found.mean()) < 0.05
-    # the last drift is small, because the target is at the center
+    # small, because the last target is at the center
     assert (
         np.linalg.norm(found.drift, axis=1).mean() < 0.1 * np.linalg.norm(field(1), axis=1).mean()
     )
@@ -243,7 +243,7 @@ def test_outlier_is_named_and_excluded(population):
 
 
 def test_repeated_outlier_stays_excluded(tmp_path, monkeypatch):
-    """A patched evaluation excludes one subject in every second round."""
+    """A subject that is excluded in every second round (by a patch) stays excluded."""
     evaluate, excluded_by_round = PopulationSolver._evaluate, {}
 
     def strict(self, entries, fits, failures, number, stays_excluded):
@@ -278,7 +278,7 @@ def test_held_out_channel_improves(population):
 
 
 def test_fields_recover_generating_flows(population, population_folder):
-    """Errors of points are compared, up to directions in which the function is constant."""
+    """Median errors are below 70% of the motion, whose part along contours is undetermined."""
     for i, name in enumerate(population.names[:4]):
         drift = Flow(MESH, -population.drift).point_map()
         found = abfm.load(population_folder.folder / "out" / f"{population.digests[i]}.npz")
@@ -311,7 +311,7 @@ def test_repeated_run_solves_only_missing_rows(population_folder, population, so
 
 @pytest.mark.parametrize("at_edges", [False, True])
 def test_sent_files_give_the_same_transfer(population_folder, population, at_edges):
-    """Workers without access to the files give equal values, also without a held-out channel."""
+    """Workers without access to files compute equal values, with or without a held-out channel."""
     out, first = population_folder.folder / "out", population_folder.subjects[0]
     mask, drift = "expression:1 + 0.5*x", next((out / "targets").glob("round-2-drift-*.npy"))
     one = SubjectTransfer(
@@ -369,7 +369,7 @@ def test_saved_population_is_loaded_equal(population, tmp_path):
     with np.load(path) as file:
         np.savez_compressed(tmp_path / "packed.npz", **file)
     assert np.array_equal(load(tmp_path / "packed.npz").values, values, equal_nan=True)
-    # the loaded values may be mapped from the old file
+    # the loaded values may be mapped from the file that is overwritten
     replace(population, values=2 * values).save(path)
     assert np.array_equal(found.values, values, equal_nan=True)
 
@@ -425,7 +425,7 @@ def test_subject_weights_change_the_mean(tmp_path):
     expected = (3 * found.values[0, :, 0] + found.values[1, :, 0]) / 4
     assert found.mean() == pytest.approx(expected)
     assert found.fits.all()
-    assert np.isfinite(found.correlation).all()  # also for the subject of weight 0
+    assert np.isfinite(found.correlation).all()  # the subject of weight 0 also has a map
     # closer to the subject with the larger weight: 3/4 of plus, 1/4 of minus
     middle = pushed(0.5 * FIELDS["plus"], height)
     assert np.mean((found.mean() - middle) ** 2) < np.mean(
@@ -506,12 +506,12 @@ def test_initial_map_without_functions_is_refused(tmp_path, word, needs):
 
 @pytest.mark.parametrize("word", ["embedding", "landmarks"])
 def test_landmarks_replace_functions_of_the_template(tmp_path, word):
-    """The surfaces are rotated, so that only the landmarks determine the initial map."""
+    """Only landmarks determine the initial map of rotated surfaces, without functions."""
     place, other = Place(tmp_path, icosphere(2)), even_sphere(120)
     turn = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
     surface, marks = tmp_path / "other.ply", tmp_path / "marks.csv"
     write_surface(surface, TriangleMesh(other.vertices @ turn.T, other.faces))
-    # places on the turned sphere and on the template
+    # landmarks on the turned sphere and on the template
     points = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-0.6, 0, 0.8]])
     np.savetxt(marks, np.column_stack([points @ turn.T, points]), delimiter=",")
     for name in ("one", "other"):
@@ -525,7 +525,7 @@ def test_landmarks_replace_functions_of_the_template(tmp_path, word):
 
 
 def test_landmarks_determine_rotation(tmp_path, solved):
-    """Functions of the height are invariant under a rotation about the vertical."""
+    """Landmarks fix the rotation about the vertical, under which heights are invariant."""
     place, axis = Place(tmp_path), np.array([0.0, 0.0, 1.0])
     turn = Rotation.from_rotvec(0.25 * axis).as_matrix()
     near = np.argsort(np.abs(MESH.vertices[:, 2]), kind="stable")[:60:6]
@@ -542,7 +542,7 @@ def test_landmarks_determine_rotation(tmp_path, solved):
     assert np.isnan(found.landmarks).tolist() == [True, False]
     assert found.landmarks[1] < 0.01
     assert found.displacement[1] > 0.02
-    # the content of the file matters, not its name
+    # a file of the same name with other content is registered again
     solved.clear()
     mark(MESH.vertices[near])
     other = place.registered(own)
@@ -551,7 +551,7 @@ def test_landmarks_determine_rotation(tmp_path, solved):
 
 
 def test_spectral_initial_maps_need_no_functions(tmp_path):
-    """The surfaces are not spheres, so that the initial map is unique."""
+    """On bodies that are not spheres, the initial map is unique without functions."""
     ball = even_sphere(80)
     x, y, z = ball.vertices.T
     sizes = np.stack([1 + 0.3 * z, 1.4 + 0.2 * x, 2 + 0 * y], axis=1)
@@ -563,7 +563,7 @@ def test_spectral_initial_maps_need_no_functions(tmp_path):
 
 
 def test_heavier_channel_is_matched(tmp_path):
-    """Two channels describe opposite motions; the one with the larger weight is matched."""
+    """Of two channels with opposite motions, the one with the larger weight is matched."""
     place, still = Place(tmp_path), pushed(FIELDS["still"], height)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height), pushed(-FIELDS[name], label))
@@ -679,7 +679,7 @@ def test_cancelled_run_resumes(tmp_path, solved):
 
 
 def test_noise_is_amplitude_and_not_phase(tmp_path):
-    """Interpolation at vertices would remove half of the noise, which would count as phase."""
+    """Independent noise is amplitude: interpolation at vertices does not make half of it phase."""
     place, noise = Place(tmp_path), 0.3
     moved = ["plus", "minus", "plus", "minus"]
     for seed, name in enumerate(moved):
@@ -689,7 +689,7 @@ def test_noise_is_amplitude_and_not_phase(tmp_path):
     phase = found.phase_and_amplitude()
     clean = np.stack([pushed(FIELDS[name], height) for name in moved])
     position = np.average(clean.var(axis=0), weights=vertex_areas(MESH))
-    of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
+    of_noise = 0.75 * noise**2  # with the factor (n - 1) / n for four subjects
     assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
     # the registration does not remove all of it
     assert 0.7 * position < phase.phase < 1.1 * position

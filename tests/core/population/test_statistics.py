@@ -1,4 +1,4 @@
-"""Means, deviations and parts of the variance, compared with NumPy and with exact values."""
+"""Means, standard deviations and parts of the variance, compared with NumPy and exact values."""
 
 import math
 from unittest.mock import Mock
@@ -46,7 +46,7 @@ def test_shares_differ_between_vertices():
 
 
 def test_variance_of_unequal_shares_is_unbiased():
-    """The mean estimate over many samples of variance 1 is 1 for any shares."""
+    """For any shares, the variance of many samples of variance 1 is estimated as 1 on average."""
     many = RNG.normal(size=(4, 200_000))
     shares = np.array([0.2, 1.0, 2.0, 5.0])[:, None] * np.ones_like(many)
     assert (deviation(many, shares) ** 2).mean() == pytest.approx(1, abs=0.02)
@@ -61,7 +61,7 @@ def test_values_with_share_0_are_ignored():
 
 
 def test_too_few_shares_give_nan():
-    """The mean needs one share at a vertex, the deviation two."""
+    """The mean needs one share at a vertex, the standard deviation two."""
     shares = ONES.copy()
     shares[:, 0], shares[1:, 1] = 0, 0
     assert math.isnan(mean(VALUES, shares)[0])
@@ -72,7 +72,7 @@ def test_too_few_shares_give_nan():
 
 def test_mean_of_others_excludes_the_subject():
     shares = RNG.uniform(0, 2, VALUES.shape)
-    shares[:, 7], shares[3, 7] = 0, 1  # only one subject is known
+    shares[:, 7], shares[3, 7] = 0, 1  # where only one subject is known
     others = LeaveOneOut.of(VALUES, shares)
     for i in range(len(VALUES)):
         rest = np.arange(len(VALUES)) != i
@@ -106,7 +106,7 @@ def test_distance_is_relative_to_deviation():
 
 
 def test_phase_and_amplitude_add_up_to_variance():
-    """The sum is exact for any functions."""
+    """Phase and amplitude add up to the variance exactly, for any functions."""
     x, y = RNG.normal(size=(2, 5, 40))
     shares = RNG.uniform(0, 1, x.shape)
     part = phase_and_amplitude(moments(x, shares), moments(y), AREAS)

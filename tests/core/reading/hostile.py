@@ -25,7 +25,6 @@ def npy_of(shape, descr="<f8", data=b""):
 
 
 def gifti(text, dims='Dimensionality="1" Dim0="3"', encoding="ASCII", more=""):
-    """Return a GIFTI file with one array of float32."""
     return (
         '<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="1"><DataArray '
         'Intent="NIFTI_INTENT_SHAPE" DataType="NIFTI_TYPE_FLOAT32" Endian="LittleEndian" '
@@ -59,7 +58,6 @@ def overlapping_zip(path, names, content):
 
 
 def zipped(members, compression=zipfile.ZIP_STORED):
-    """Return a zip with these members."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", compression) as archive:
         for name, data in members.items():
@@ -68,7 +66,6 @@ def zipped(members, compression=zipfile.ZIP_STORED):
 
 
 def members(path):
-    """Return the content of each member of a zip, by name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 

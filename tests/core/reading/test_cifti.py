@@ -45,7 +45,7 @@ def scalars(tmp_path_factory):
 
 
 def test_scalars_of_the_fitting_hemisphere(scalars):
-    """The medial wall has no values, so the cortex becomes the mask."""
+    """Values are those of the mesh's hemisphere; its medial wall has none and is masked."""
     found = read_values(scalars, LEFT)
     assert_array_equal(found.values, EXPECTED.T)
     assert (found.names, found.structure) == (("sulc", "curv", "area"), "L")
@@ -105,7 +105,7 @@ def test_other_cifti_files_are_refused(tmp_path):
 
 
 def test_cifti_1_is_refused(scalars, tmp_path):
-    """For example the RSN networks of the Human Connectome Project."""
+    """Files of CIFTI-1, such as the Human Connectome Project's RSN networks, are refused."""
     data = scalars.read_bytes().replace(b'CIFTI Version="2', b'CIFTI Version="1')
     (tmp_path / "a.dscalar.nii").write_bytes(data)
     with raises(FunctionError, "CIFTI-1", "-cifti-version-convert"):
@@ -134,7 +134,7 @@ def test_wrong_sizes_and_dtd_are_refused(scalars, tmp_path):
     dtd = b"<!DOCTYPE CIFTI [<!ENTITY a 'aaaa'>]>"
     inserted = content[:begin] + dtd + content[begin:]
     size = int(np.frombuffer(content[544:548], "<i4")[0])
-    changes.append(content[:548] + bytes(4) + content[552:])  # code of another extension
+    changes.append(content[:548] + bytes(4) + content[552:])  # the code of another extension
     changes.append(inserted[:544] + np.array([size], "<i4").tobytes() + inserted[548:])
     for change in changes:
         path.write_bytes(change)

@@ -93,7 +93,7 @@ def test_surfaces_agree_with_nibabel(tmp_path):
 
 
 def test_second_line_of_a_surface_may_be_missing():
-    """FreeSurfer's development version of 2019 wrote one line; its reader accepts both."""
+    """Files of FreeSurfer's development version of 2019, with one line of text, are read."""
     vertices, faces = freesurfer_surface(SURFACE.replace(b"\n\n", b"\n", 1))
     assert_array_equal(vertices, tetrahedron().vertices)
     assert_array_equal(faces, tetrahedron().faces)
@@ -123,7 +123,7 @@ def test_annotations_of_both_versions_in_any_order(tmp_path, version):
     found = freesurfer_annotation(path.read_bytes())
     assert_array_equal(found.values, colors)
     assert found.names == dict(enumerate(NAMES))
-    if version == 2:  # its colours have explicit numbers
+    if version == 2:  # in this version, colours have explicit numbers
         path.write_bytes(annotation(colors, version, numbers=(7, 0, 3, 40)))
         found = freesurfer_annotation(path.read_bytes())
         assert found.values.tolist() == [3, -1, 7, 40, 0, 0]
@@ -131,7 +131,7 @@ def test_annotations_of_both_versions_in_any_order(tmp_path, version):
 
 
 def test_annotation_without_table_has_colors_as_keys():
-    """Keys are numbers of red, green and blue. A table without the colours is refused."""
+    """Without a table, keys are the colours in the file; a table without these is refused."""
     content_with_table = annotation([1, 2], 2)
     keys = [red + 256 * green + 65536 * blue for red, green, blue, _ in COLORS[1:3]]
     for data in (content_with_table[:20], content_with_table[:20] + packed(0)):

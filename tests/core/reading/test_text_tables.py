@@ -65,7 +65,7 @@ def test_ambiguous_tables_are_refused(text, named):
 
 
 def test_pairs_of_integers_are_two_columns():
-    """Also without names, if integers are expected."""
+    """A comma between integers separates columns, also without names if integers are expected."""
     assert read_numbers("0,369\n1,25\n", integers=True)[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("a,b\n0,369\n1,25\n")[1].tolist() == [[0, 369], [1, 25]]
     assert read_numbers("0, 369\n1, 25.5\n")[1].tolist() == [[0, 369], [1, 25.5]]
@@ -112,11 +112,11 @@ def test_first_line_may_lack_a_number():
     assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("FALSE\nTRUE\n").table, [[0], [1]])
-    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # written by pandas for a Series
+    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas writes a Series
 
 
 def test_r_row_names_have_no_column_name():
-    """As written by write.table of R; other words are a title."""
+    """A table by write.table of R has row names without a column name; a title has no names."""
     found = read_numbers('"depth" "mean depth"\n"1" 0.5 NA\n"2" 1 3\n')
     assert found.names == ["", "depth", "mean depth"]
     assert_array_equal(found.table, [[1, 0.5, np.nan], [2, 1, 3]])
@@ -152,7 +152,7 @@ def test_booleans_and_unicode_minus_are_read():
 
 
 def test_line_below_commented_names_is_skipped():
-    """As written by 3dVol2Surf of AFNI."""
+    """A line of dashes below commented names, by 3dVol2Surf of AFNI, is skipped."""
     found = read_numbers(b"# ---------\n# surface 'a' :\n#\n#  node   v0\n# -----  ----\n 3  0.5\n")
     assert found.names == ["node", "v0"]
     assert_array_equal(found.table, [[3, 0.5]])

@@ -42,7 +42,7 @@ def test_all_forms_of_arrays_are_read(folder, form, compressor):
     kinds = ("UnstructuredGrid", "PolyData")
     for head, order, kind, together in product(("u4", "u8"), "<>", kinds, (False, True)):
         if together and compressor:
-            continue  # no program writes it
+            continue  # a combination that no program writes
         content = vtk_bytes(POINTS, DATA, form, compressor, head, order, kind, together, 2.5)
         path = written(folder, content)
         for name, values in DATA.items():
@@ -54,7 +54,7 @@ def test_all_forms_of_arrays_are_read(folder, form, compressor):
 
 
 def test_only_last_time_is_decoded(folder, monkeypatch):
-    """Each decoding may copy the entire file."""
+    """Of repeated time arrays only the last is decoded, as decoding may copy the entire file."""
     decoded = []
     monkeypatch.setattr(vtk_xml, "_unpacked", lambda text: decoded.append(1) or b64decode(text))
     field = [vtk_bytes(POINTS, DATA, "base64", time=k) for k in (1.0, 2.0)]

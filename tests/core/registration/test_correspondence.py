@@ -33,7 +33,7 @@ def linear(mesh, turn=None):
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
 def test_transfer_of_functions(a, b):
-    """A transferred linear function is the linear function of the corresponding points."""
+    """A transferred linear function has the values at the corresponding points."""
     found = spheres(a, b)
     for by in ("point", "area"):
         transferred = found.transfer(linear(a, TURN), by)
@@ -49,7 +49,7 @@ def test_transfer_of_functions(a, b):
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
 def test_transfer_by_area_preserves_integrals(a, b):
-    """Each vertex of A distributes its area, so sums over A and over B are equal."""
+    """A vertex of A distributes its area over B, so integrals over A and B are equal."""
     found = spheres(a, b)
     shares = found.area_shares()
     assert_allclose(shares.sum(axis=0), vertex_areas(a))
@@ -77,7 +77,7 @@ def test_labels_are_not_averaged():
 
 
 def test_labels_of_series_and_masked_arrays():
-    """A Series is ordered by its index, and masked labels are refused."""
+    """Labels in a Series are ordered by its index, and masked labels are refused."""
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     expected = found.transfer_labels(labels)
@@ -188,7 +188,7 @@ def test_map_by_equal_faces():
 
 
 def test_functions_have_the_vertices_of_the_file():
-    """Vertices that no face uses are in the file but not in the mesh."""
+    """Functions include the vertices that no face uses, which a mesh drops."""
     loose = with_loose_vertex(FINE)
     found = spheres(loose, COARSE)
     h = np.arange(len(FINE.vertices) + 1.0)

@@ -38,7 +38,7 @@ def pairs(count=4, seed=0):
 
 
 def test_registration_by_landmarks_only(tmp_path):
-    """Files store the result."""
+    """Three landmarks suffice for a registration, and files store the result."""
     on_a, on_b = pairs()
     found = register(OTHER, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
@@ -52,7 +52,7 @@ def test_registration_by_landmarks_only(tmp_path):
 
 
 def test_spheres_from_files_for_repaired_surfaces(tmp_path):
-    """A file has the spheres of both hemispheres, and one vertex for each corner of a face."""
+    """A file of spheres may have both hemispheres, and one vertex for each corner of a face."""
     corners = BALL.vertices[BALL.faces.ravel()]
     faces = np.arange(2 * BALL.faces.size).reshape(-1, 3)
     bumpy = corners * (2 + corners[:, [2]])
@@ -110,14 +110,14 @@ def test_every_method_finds_a_moved_body(method):
     f = np.cos(BODY.vertices @ np.random.default_rng(1).normal(size=(3, 3)) * 2)
     prepared = prepare(BODY, other, f, f[order], initial=method, landmarks=landmarks)
     given = prepared.initial
-    assert bool(prepared.warnings) == (method == "embedding")  # it distorts limbs
+    assert bool(prepared.warnings) == (method == "embedding")  # which distorts limbs
     gaps = np.linalg.norm(given.points.positions - BODY.vertices[order], axis=1)
     assert np.median(gaps) < (0.25 if method == "embedding" else 0.02) * BODY.length_scale
     assert given.distortion().folded == 0
 
 
 def test_discontinuous_maps_are_repaired_with_a_note(tmp_path):
-    """Maps of surfaces with handles, and given maps, are not changed."""
+    """Maps from files are repaired, except on surfaces with handles; a `PointMap` is kept."""
     rng = np.random.default_rng(0)
     vertices = np.arange(len(BODY.vertices))
     swapped = rng.choice(len(vertices), 30, replace=False)
@@ -144,7 +144,7 @@ def test_stretched_body_gives_a_warning():
 
 
 def test_distorted_maps_give_a_warning():
-    """Given maps have no warning."""
+    """A distorted initial map gives a warning, but not if it was given by the user."""
     long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
     closest = initial_map("closest", MapInput(OTHER, long))
     assert closest.correspondence.distortion().log2_shape.mean > 1.2
@@ -154,7 +154,7 @@ def test_distorted_maps_give_a_warning():
 
 
 def test_ambiguous_rotations_give_a_warning():
-    """All rotations about z map the function z to itself."""
+    """All rotations about z map the function z to itself, so the map is ambiguous."""
     heights = BALL.vertices[:, 2], OTHER.vertices[:, 2]
     found = prepare(BALL, OTHER, *heights, initial="sphere")
     assert len(found.warnings) == 1

@@ -54,7 +54,7 @@ def test_rotation_between_spheres_is_found(seed):
 
 
 def test_sphere_is_not_rotated_without_a_gain():
-    """All rotations about z are equally good, also with a flip and the opposite sign."""
+    """If all rotations about z are equally good, spheres are not rotated, also if flipped."""
 
     def heights(mesh, values):
         return SphereFunctions(SphereLayout(mesh, mesh.vertices), values[None])
@@ -150,7 +150,7 @@ def test_earlier_steps_of_files_have_less_distortion(found, tmp_path):
 
 
 def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
-    """The goal is not reached with an uncertain initial map, whatever the residual is."""
+    """With an uncertain initial map the outcome is "not reached", whatever the residual is."""
     assert found.facts.outcome.is_good
     warned = Registration(found.initial, found.match, (), found.functions, ("it may be wrong",))
     warned.save(tmp_path / "r.npz")
@@ -165,7 +165,7 @@ def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
 
 
 def test_facts_are_those_of_the_complete_map(found):
-    """Facts have the residual and the distortion of the complete map from A to B."""
+    """Residual and distortion are those of the complete map from A to B."""
     numbers, target = found.facts.numbers, found.match.problem.functions
     transferred = found.points.pull_back(found.functions)
     assert numbers["map_residual"] == pytest.approx(target.residual(transferred.T))
@@ -179,7 +179,7 @@ def test_facts_are_those_of_the_complete_map(found):
 
 
 def test_residual_of_the_complete_map_counts(found):
-    """A's functions vary between the points that are used by the match on B."""
+    """Functions of A that vary between the points of the match on B have a larger residual."""
     values = found.functions + 9 * np.random.default_rng(0).normal(size=found.functions.shape)
     rough = Registration(found.initial, found.match, (), values)
     assert rough.verdict.kind == "not reached"
@@ -191,7 +191,7 @@ def test_residual_of_the_complete_map_counts(found):
     ("noise", "kind"), [(0.0, "matched"), (0.1, "nearly"), (1.0, "not reached")]
 )
 def test_verdict_of_the_complete_map(noise, kind):
-    """The match is exact on B, and the functions differ on A."""
+    """A match that is exact on B is not reached if the functions differ on A."""
     heights = B.vertices[:, 2]
     match = abfm.match(B, heights, heights, Parameters.of(iterations=1, refine=0))
     assert match.verdict.kind == "matched"
@@ -202,7 +202,7 @@ def test_verdict_of_the_complete_map(noise, kind):
 
 
 def test_faces_flipped_by_vertices_are_counted():
-    """Exchanging two vertices of a face flips faces between them in a sphere.reg file."""
+    """In a sphere.reg file, exchanging two vertices flips the faces between them."""
     order = np.arange(len(B.vertices))
     first, second = B.faces[0][:2]
     order[[first, second]] = second, first
@@ -226,7 +226,7 @@ def test_measured_functions_are_standardized():
 
 
 def test_functions_of_a_have_the_units_of_the_match():
-    """Their transfer by area is the source of the match on B."""
+    """Functions of A, transferred by area, are the source of the match on B."""
     f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
@@ -304,7 +304,7 @@ def test_landmarks_that_determine_no_rotation(vertices, side):
 
 
 def test_landmarks_have_the_numbers_of_the_input():
-    """A pair of arrays has its numbers; a mesh made from it has the numbers of its rows."""
+    """Landmarks count rows of a pair of arrays, or rows of a mesh made from it."""
     pair = np.vstack([[[9.0, 9, 9]], B.vertices]), B.faces + 1
     rows = np.array([[0, 4], [30, 31], [90, 95]])
     for a, b, shift in (
@@ -331,7 +331,7 @@ def test_channels_of_weight_0_do_not_change_parameters():
 
 
 def test_mirrored_spheres_from_files(tmp_path):
-    """The file names contain commas."""
+    """Spheres are read from files whose names contain commas, and mirrored."""
     body_a, body_b = (
         TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)
         for m in (A, B)

@@ -56,7 +56,7 @@ def test_mean_lies_between_both_maps(inputs, tmp_path):
     ends = forward.points.positions, backward.back.positions
     distances = np.linalg.norm(ends[0] - ends[1], axis=1)
     for end in ends:
-        # the midpoint of a chord is closer to the sphere than its ends are to each other
+        # the midpoint of a chord is closer to the sphere than the ends of the chord to each other
         assert (np.linalg.norm(mean.points.positions - end, axis=1) <= distances + 1e-12).all()
     assert_allclose(mean.asymmetry * MESH.length_scale, distances)
     mean.save(tmp_path / "s.npz")
@@ -66,7 +66,7 @@ def test_mean_lies_between_both_maps(inputs, tmp_path):
 
 @pytest.mark.parametrize("initial", ["file:map.txt", "sphere:a.ply,b.ply"])
 def test_initial_maps_of_one_direction_are_refused(inputs, initial):
-    with raises(ParameterError, "initial", recorded=False):  # its path may be cut
+    with raises(ParameterError, "initial", recorded=False):  # the printed path may be abbreviated
         Row("s", {"task": "symmetric", **inputs, "initial": initial})
 
 

@@ -55,8 +55,8 @@ def test_identity_converges_with_texture_size(mesh):
         assert found.images[0].shape == (size, size, 4)
         errors.append(np.abs(found.at(points) - expected))
     assert last_order([each.mean() for each in errors[:3]]) > 1.8
-    assert errors[-1].max() < 2  # of 255
-    assert errors[-1].mean() < 0.3  # rounding
+    assert errors[-1].max() < 2  # of 255 levels
+    assert errors[-1].mean() < 0.3  # of 255 levels, by rounding
 
 
 def test_rotated_renumbered_sphere():
@@ -90,14 +90,11 @@ def test_round_trip_converges():
 
 
 def test_seams_leave_no_trace():
-    """A cylinder is half black and half white.
-
-    A face at the seam would show the other half if its coordinates crossed the complete image.
-    """
+    """No face at the seam of a half black, half white cylinder has texels of the other half."""
     a, b = open_cylinder(12, 2), open_cylinder(30, 5)
     angles = np.arctan2(a.vertices[:, 1], a.vertices[:, 0]) / (2 * np.pi) % 1
     seam = unwrapped(angles[a.faces], a.vertices[a.faces][..., 2] / 2)
-    assert (np.ptp(angles[a.faces], axis=1) > 0.5).sum() == 4  # faces at the seam
+    assert (np.ptp(angles[a.faces], axis=1) > 0.5).sum() == 4
     is_white = np.abs((np.arange(200) + 0.5) / 200 - 0.5) < 0.25
     image = np.broadcast_to(255 * is_white[:, None], (8, 200, 3)).astype(np.uint8)
     found = Correspondence(PointMap.project(b, a, b.vertices))
@@ -151,7 +148,7 @@ def test_image_of_each_face_and_tints_of_corners():
 
 
 def test_colors_stay_in_the_range_of_the_image():
-    """Texels without a face do not darken filtered colours."""
+    """Texels without a face do not darken colours that are filtered."""
     mesh = icosphere(1)
     image = np.random.default_rng(0).integers(100, 140, (9, 11, 3)).astype(np.uint8)
     texture = Texture(mesh, by_longitude(mesh), [image])

@@ -26,5 +26,4 @@ def rotating_frames(mesh=MESH, times=TIMES):
 
 @cache
 def solved():
-    """Return the solved sequence of the frames."""
     return abfm.sequence(MESH, rotating_frames(), TIMES, defaults(sigma=0.1))

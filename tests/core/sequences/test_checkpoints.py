@@ -53,7 +53,7 @@ def assert_same(found, expected):
 
 
 def test_run_killed_after_each_step_gives_the_same_result(tmp_path):
-    """Bumps jump and change; some searches fail and one succeeds."""
+    """For bumps that jump and change, all searches but one fail."""
     places, sizes, heights = [0, 3, 0, 1.6], [0.4, 0.2, 0.4, 0.4], [1, 2, 1, 1]
     frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
     given = SPHERE, frames, None, defaults(order=1, alpha=1, sigma=0.3)
@@ -66,7 +66,7 @@ def test_run_killed_after_each_step_gives_the_same_result(tmp_path):
             kills += 1
     assert_same(found, abfm.sequence(*given))
     assert resumed[:2] == [1, 2]
-    assert set(resumed[2:]) == {3}  # three intervals, during the sweeps and the checks
+    assert set(resumed[2:]) == {3}  # in three intervals, during the sweeps and the checks
     assert len(resumed) == kills > 3 + 2 * 3
     assert [path.name for path in tmp_path.iterdir()] == [checkpoint.path.name]
     checkpoint.remove()
@@ -128,7 +128,7 @@ def test_earlier_results_are_returned_without_solving(complete, tmp_path):
     assert_same(again, part)
     assert_array_equal(again.solved, [True, True, False, False])
     assert np.isfinite(again.verified_residual[:2]).all()
-    assert path.read_bytes() == content_before  # checks of preliminary fields are not stored
+    assert path.read_bytes() == content_before  # preliminary fields are checked, but not stored
     assert list(fields) == [0, 1]
     assert_array_equal(np.stack([*fields.values()]), part.velocity[:2])
     assert_same(solved(SequenceCheckpoint(tmp_path / "s.npz")), complete)

@@ -25,7 +25,7 @@ def choice(sequence):
 
 
 def test_smooth_motion_gets_the_smoother_norm(found):
-    """Order 2 represents a rotation; held-out patches confirm it."""
+    """For a rotation, held-out patches choose the norm of order 2."""
     assert choice(found)[0] == 2
     assert found.parameters.automatic == ("alpha", "order")
     assert found.parameters.sigma is None
@@ -62,7 +62,7 @@ def test_only_the_norm_can_be_automatic():
 
 
 def test_resumed_run_keeps_the_choice(found, tmp_path):
-    """The choice is made once; a resumed run reads it and gives the same result bit for bit."""
+    """A resumed run reads the choice, and gives the same result bit for bit."""
 
     class KilledError(Exception):
         pass

@@ -18,7 +18,6 @@ CLOSED = {name: mesh for name, mesh in SURFACES.items() if mesh.is_closed}
 
 
 def grid(n: int) -> TriangleMesh:
-    """Return a square of the plane, [-1, 1]^2."""
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n), indexing="ij")
     corner = np.arange(n * n).reshape(n, n)
     a, b, c, d = (
@@ -42,7 +41,7 @@ def linear(matrix, at) -> np.ndarray:
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED.keys())
 @given(seed=st.integers(0, 2**31))
 def test_indices_add_up_to_the_euler_characteristic(mesh, seed):
-    """Poincaré-Hopf, for any field without a zero at a vertex, however rough."""
+    """Poincaré-Hopf holds for any field without a zero at a vertex, however rough."""
     field = np.random.default_rng(seed).standard_normal((len(mesh.faces), 3))
     euler = len(mesh.vertices) - len(mesh.edges) + len(mesh.faces)
     assert face_indices(mesh, field).sum() == euler

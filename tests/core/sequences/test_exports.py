@@ -115,7 +115,7 @@ def test_cancelled_export_changes_no_files(tmp_path):
 
 
 def test_surplus_frames_of_a_longer_sequence_are_removed(tmp_path):
-    """Other files in the folder remain."""
+    """Frames of an earlier, longer export are removed; other files in the folder remain."""
     path, folder = tmp_path / "a(1).pvd", tmp_path / "a(1)"
 
     def names():
@@ -127,7 +127,7 @@ def test_surplus_frames_of_a_longer_sequence_are_removed(tmp_path):
     for name in others:
         (tmp_path / name).touch()
     others[0:0] = ["a(1)/a(1)_0050.vtu"]
-    (folder / "a(1)_0050.vtu").mkdir()  # no file
+    (folder / "a(1)_0050.vtu").mkdir()  # a folder, not a file
     listed = [*others[:1], *others[2:], "a(1)/../a(1)/a(1)_0099.vtu", "a(1)/a(1)_0060.vtu"]
     rows = "".join(f'<DataSet timestep="{9 + k}" file="{each}"/>' for k, each in enumerate(listed))
     path.write_text(path.read_text().replace("</Collection>", f"{rows}</Collection>"))
@@ -143,7 +143,7 @@ def test_surplus_frames_of_a_longer_sequence_are_removed(tmp_path):
 
 
 def test_pvd_follows_links_of_its_folder(tmp_path):
-    """Files are moved to the target, so they must be written on the same disk."""
+    """Frames are written on the disk of the linked folder, and then moved to it."""
     (tmp_path / "disk").mkdir()
     (tmp_path / "a").symlink_to(tmp_path / "disk")
     places = set()
@@ -160,7 +160,7 @@ def test_pvd_follows_links_of_its_folder(tmp_path):
 
 
 def test_vertex_speed_of_a_rotation():
-    """The error is of the order of the squared edge length."""
+    """The error of the speed is of the order of the squared edge length."""
     middles = MESH.vertices[MESH.faces].mean(axis=1)
     turning = np.cross([0, 0, SPEED], middles)
     found = vertex_speed(replace(solved(), velocity=np.stack([turning, 2 * turning])))
@@ -187,7 +187,7 @@ def test_speed_is_exported_to_mne_and_workbench(tmp_path):
 
 
 def test_other_hemisphere_file_is_kept(tmp_path):
-    """MNE opens both files if they have the same times; otherwise a note warns."""
+    """The other hemisphere's file is kept; a note warns if MNE cannot open both (other times)."""
     assert export_stc(tmp_path / "a-lh.stc", solved()) == ""
     assert export_stc(tmp_path / "a-rh.stc", solved()) == ""
     assert mne.read_source_estimate(tmp_path / "a").shape == (
@@ -212,7 +212,7 @@ def test_loose_vertices_of_the_file_are_included(tmp_path):
 
 
 def test_tracks_table_has_rows_of_points(tmp_path):
-    """The poles are on the axis of the rotation in all intervals; a note counts omitted tracks."""
+    """The poles of a rotation are on its axis in all intervals; omitted tracks have a note."""
     count = len(solved().tracks(1))
     check_message(
         export_tracks(tmp_path / "none.csv", solved(), min_intervals=5), "none.csv", count, 5

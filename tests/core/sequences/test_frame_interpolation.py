@@ -43,7 +43,7 @@ def waves(kind, noise=0.0):
 
 
 def errors(sequence, truth):
-    """Return errors of interpolated frames over the deviation: linear blend and sequence."""
+    """Return errors of the linear blend and of the sequence, over the standard deviation."""
     areas = vertex_areas(MESH) / vertex_areas(MESH).sum()
     found = []
     for i in range(len(sequence)):
@@ -111,7 +111,7 @@ def test_interpolation_equals_the_frames_at_both_ends():
 
 
 def test_two_frames_have_none_to_hold_out():
-    """The motion is then used where it is confirmed."""
+    """Two frames leave none to hold out, so motion is used where it is confirmed."""
     frames, _ = rotating_pattern(SPHERE, 0.1, 2)
     moving = abfm.sequence(SPHERE, frames, parameters=FAST)
     jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=FAST)
@@ -128,7 +128,7 @@ def test_three_uneven_frames_have_one_to_hold_out():
 
 
 def test_distant_neighbours_are_no_evidence():
-    """Twelve edges forward equal four back for a wave of sixteen, so motion is not rejected."""
+    """Held-out frames reject no motion by twelve of a wave's sixteen edges: four back are equal."""
     frames, _ = rotating_pattern(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
     found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=FAST)
     assert np.isnan(found.motion_share) == (found.confirmed > 0)

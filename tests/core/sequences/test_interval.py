@@ -30,7 +30,7 @@ def random_field(size=0.01):
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("duration", [1.0, 0.05])
 def test_hessian_is_that_of_the_linear_problem(channels, duration):
-    """Without motion it is exact for frames that hardly differ."""
+    """For frames that hardly differ, the Hessian of the zero field is the exact one."""
     frames, _ = rotating_pattern(SPHERE, 1e-5, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
     checked = check_frames(SPHERE, stacked, [0.0, duration], None, None)
@@ -62,7 +62,7 @@ def test_hessian_is_symmetric_and_positive():
 
 
 def test_steps_never_raise_the_energy():
-    """They end at a small gradient."""
+    """Each step lowers the energy or keeps it; after eight steps the gradient is below 2%."""
     interval, sigma = new_interval(neighbours=[Neighbour(random_field(), 0.5)])
     point = interval.minimise(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
     first = np.linalg.norm(point.at.gradient)
@@ -102,7 +102,7 @@ def test_noise_of_a_smooth_function_is_estimated(level):
     smooth = SPHERE.vertices[:, 0]
     found = noise(SPHERE, smooth + level * RNG.standard_normal((20, len(smooth))))
     assert found.shape == (20,)
-    curvature = float(noise(SPHERE, smooth))  # curvature within single edges adds to it
+    curvature = float(noise(SPHERE, smooth))  # curvature within single edges also counts as noise
     assert curvature < 0.01
     assert np.median(found) == pytest.approx(np.hypot(level, curvature), rel=0.12)
     assert noise(SPHERE, np.ones(len(smooth))) == pytest.approx(0, abs=1e-12)

@@ -33,9 +33,8 @@ class RotatedPattern:
     def __init__(self):
         frames = np.array([pattern(SPHERE.vertices, degrees) for degrees in (0, 20, 0)])
         rng = np.random.default_rng(0)
-        frames += (
-            0.02 * frames.std() * rng.standard_normal(frames.shape)
-        )  # noise makes it a measured function
+        # with noise, the functions count as measured ones
+        frames += 0.02 * frames.std() * rng.standard_normal(frames.shape)
         checked = check_frames(SPHERE, frames, None, None, None)
         self.solver = solve.SequenceSolver(checked, defaults(order=1, alpha=1, sigma=0.3), 0.0)
         interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh

@@ -70,7 +70,7 @@ def series(folder, times=TIMES, data=FRAMES, name="wave_{:03}.vtu", has_time=Fal
 )
 def test_arrays_may_have_frames_or_vertices_first(tmp_path, given, expected, notes):
     np.save(tmp_path / "a.npy", given)
-    np.savez(tmp_path / "a.npz", other=given)  # a single array may have any name
+    np.savez(tmp_path / "a.npz", other=given)  # the name of a single array does not matter
     for name in ("a.npy", "a.npz"):
         found = read_frames(tmp_path / name, MESH)
         assert_array_equal(found.values, expected)
@@ -159,11 +159,11 @@ def test_source_estimates_of_all_vertices_are_not_changed(tmp_path):
 
 
 def test_values_between_sources_are_interpolated(tmp_path):
-    """The error is smaller than that of harmonic extension, and falls with more sources."""
+    """The error is below that of harmonic extension, and falls with the number of sources."""
     fine = icosphere(3)
     frames = rotating_frames(fine)
     errors = []
-    for level in (1, 2):  # vertices of coarser spheres come first
+    for level in (1, 2):  # the vertices of coarser spheres come first
         sources = np.arange(10 * 4**level + 2)
         write_stc(tmp_path / "a-lh.stc", frames[:, sources], sources, TIMES)
         found = read_frames(tmp_path / "a-lh.stc", fine)

@@ -67,12 +67,12 @@ def errors_of_rotation(parameters):
 
 
 def test_error_converges_with_the_mesh():
-    """With a fixed norm, so that the order is that of the method."""
+    """With a fixed norm, the error has the order of the method, above 1.5."""
     assert last_order(errors_of_rotation(defaults(sigma=1e-3, order=2, alpha=0.01))) > 1.5
 
 
 def test_error_with_a_chosen_norm_converges():
-    """The orders are 2.1 and about 1.5; the latter varies with rounding."""
+    """If the norm is chosen, orders are 2.1 and about 1.5; the latter varies with rounding."""
     errors = errors_of_rotation(defaults(sigma=1e-3))
     assert np.log2(errors[0] / errors[2]) / 2 > 1.7
     assert last_order(errors) > 1.45
@@ -88,7 +88,7 @@ def test_unequal_intervals_give_the_same_motion():
 
 
 def test_fields_follow_units_offsets_and_rotations(pattern, found):
-    """Units of the surface, of values and of time; the uncertainty follows as well."""
+    """Units of the surface, of values and of time change fields and uncertainty accordingly."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
@@ -120,7 +120,7 @@ def test_equal_frames_have_no_motion(pattern):
 
 
 def test_sweeps_lower_the_total_energy(pattern):
-    """Larger gamma makes neighbouring fields more similar."""
+    """Sweeps never raise the energy; with larger gamma neighbouring fields are more similar."""
     rng = np.random.default_rng(0)
     noisy = pattern[0] + 0.1 * pattern[0].std() * rng.standard_normal(pattern[0].shape)
     totals, changes = [], []
@@ -191,7 +191,7 @@ def test_channels_masks_and_weights(pattern, found):
 
 
 def test_masked_values_equal_missing_values_bit_for_bit():
-    """Otherwise advection would spread them, and they would count as noise."""
+    """Values below the mask are not advected to other places, and do not count as noise."""
     visible, frames = rotating_sphere.MESH.vertices[:, 0] < 0.5, rotating_sphere.rotating_frames()
     complete = abfm.sequence(rotating_sphere.MESH, np.where(visible, frames, np.nan))
     assert complete.confirmed == 4
@@ -329,7 +329,7 @@ def test_episodes_use_solved_intervals_only(found):
 
 @pytest.mark.parametrize(("values", "time"), [(1, 250), (1e20, 1e-15), (1e-20, 1e15)])
 def test_flows_are_independent_of_units(values, time, pattern, found):
-    """They do not depend on the origin of time either."""
+    """Neither units of values and time nor the origin of time change motion and verdicts."""
     result = abfm.sequence(SPHERE, values * pattern[0], time * (np.arange(4) - 3), FAST)
     assert_allclose(time * result.velocity, found.velocity, rtol=1e-9, atol=1e-11)
     assert result.verdicts == found.verdicts
@@ -403,7 +403,7 @@ def test_mask_too_small_for_held_out_patches_is_refused(pattern):
 
 @pytest.mark.parametrize(("noise", "step"), [(0.0, 1.0), (0.05, 0.001)])
 def test_distant_frames_are_matched_for_any_unit_of_time(noise, step):
-    rng, width, angle = np.random.default_rng(0), 0.4, 1.6  # four times the width
+    rng, width, angle = np.random.default_rng(0), 0.4, 1.6  # apart by four times the width
     turns = [[np.cos(angle * t), np.sin(angle * t), 0] for t in range(3)]
     frames = [np.exp(-((SPHERE.vertices - c) ** 2).sum(axis=1) / (2 * width**2)) for c in turns]
     frames += noise * rng.standard_normal((3, len(SPHERE.vertices)))
@@ -432,13 +432,13 @@ def test_intervals_without_motion_are_not_coupled():
     separate = abfm.sequence(
         SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
-    # not exactly, since sweeps stop when the total energy has converged
+    # up to the tolerance at which sweeps stop
     errors = np.linalg.norm(complete.velocity[:2] - separate.velocity)
     assert errors < 0.05 * np.linalg.norm(separate.velocity)
 
 
 def test_gap_in_time_is_matched():
-    """Its field is slow compared with its neighbours."""
+    """A gap of 100 time units between frames is matched, with a hundredth of the speed."""
     frames, _ = rotating_pattern(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, [0, 1, 101, 102], FAST)
     assert found.confirmed == 3
@@ -451,7 +451,7 @@ def test_flattened_bump_is_not_a_motion():
     checked = check_frames(SPHERE, frames, None, None, None)
     problem = checked.problem(0, FAST.for_interval(1.0, 0.3))
     functions = problem.functions
-    gone = functions.source * 0.01  # as if the flow had squeezed it away
+    gone = functions.source * 0.01  # as if the flow had squeezed the bump away
     residual = functions.residual(gone)
     assert residual < 1.1 < 0.6 * functions.residual(functions.source)
     measures = IntervalMeasures(gone, np.zeros((2, 3)), residual, residual, 0.0)
@@ -468,8 +468,8 @@ def test_field_that_explains_little_is_not_confirmed():
 
 
 def test_motion_on_slivers_is_not_called_noise():
-    """It is not called "no motion" either, and reasons name details narrower than edges."""
-    mesh = torus(12, 40)  # its edges around the axis are ten times as long as those around the tube
+    """Reasons name details narrower than edges, and neither only noise nor "no motion"."""
+    mesh = torus(12, 40)  # edges around the axis are ten times as long as those around the tube
 
     def bump(angle):
         place = [1.4 * np.cos(angle), 1.4 * np.sin(angle), 0]
@@ -548,7 +548,7 @@ def test_interval_is_judged_by_its_own_noise():
     assert {kinds[2], kinds[5]} == {Outcome.IMPOSSIBLE}
     for verdict in found.verdicts[3:5]:
         check_message(verdict.reason)
-    # an offset changes nothing
+    # an offset of the values changes nothing
     lifted = abfm.sequence(SPHERE, frames[:3] + 100.0, parameters=FAST)
     assert lifted.confirmed == 2
     deviations = frames[1:3].std(axis=1)

@@ -39,7 +39,7 @@ def test_errors_are_about_as_large_as_the_uncertainty(noise):
     errors = np.linalg.norm(found.velocity - expected, axis=2)
     assert 0.2 < np.median(errors / found.uncertainty) < 1.5
     assert (errors < 3 * found.uncertainty).mean() > 0.9
-    # errors are larger where the uncertainty is larger
+    # rank correlation of errors and uncertainty
     order = np.argsort(found.uncertainty.ravel())
     low, high = np.array_split(errors.ravel()[order], 2)
     assert np.median(high) > np.median(low)
@@ -120,7 +120,7 @@ def test_masked_places_are_not_determined():
 
 
 def test_integrals_equal_those_of_the_plane():
-    """Order 1, one interval: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
+    """Of one interval with norm 1: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
     found = replace(solved()[0], gamma=0.0)
     integrals, k = _Integrals.of(found), 4 * np.pi * len(SPHERE.vertices)
     for d in (1e-9, 0.3, 50.0, 1e7):
@@ -131,7 +131,7 @@ def test_integrals_equal_those_of_the_plane():
 
 
 def test_shares_equal_those_of_the_linear_problem():
-    """The trace of ``D`` over the surface is that of the data term's second derivative."""
+    """The integral of ``tr D`` over the surface is that of the data term's second derivative."""
     found = solved()[0]
     eigenvalues, _ = _data_tensors(found, np.arange(len(found)))
     areas = face_areas(SPHERE.normalized())

@@ -67,7 +67,7 @@ def test_filtering_reproduces_linear_functions(mesh, size):
 
 @cases
 def test_texels_map_back_to_their_places(mesh, size):
-    """All corners lie in the texture."""
+    """Points of texels have these texels, and all corners lie in the texture."""
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     barycentric = texel_weights(atlas, rows, columns)
@@ -87,7 +87,7 @@ def test_texels_map_back_to_their_places(mesh, size):
 
 
 def test_texels_are_proportional_to_area():
-    """Edges are about as long in texels as on the surface, never below three quarters of it."""
+    """Edges have about their length in texels, and never less than three quarters of it."""
     mesh = ellipsoid(3, 3, 1, 1)
     atlas = texture_atlas(mesh, 1024)
     ends = np.roll(atlas.corners, 1, axis=1) - atlas.corners
@@ -120,7 +120,7 @@ def test_atlas_of_half_a_million_faces():
 
 
 def test_too_small_textures_are_refused():
-    """Functions of other meshes are also refused."""
+    """Too small textures, and functions of other meshes, are refused."""
     mesh = sphere(2)
     with raises(ParameterError, 320, 52):
         texture_atlas(mesh, 51)
@@ -168,7 +168,7 @@ def used(atlas, image):
 
 @pytest.mark.parametrize("level", [2, 3, 4, 5])
 def test_streaks_lie_along_the_flow_on_any_mesh(level):
-    """Spheres of several levels: along the circles of a rotation, and across them."""
+    """On spheres of several levels, correlation is high along a rotation and low across it."""
     mesh, axis = sphere(level), np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, axis), size=1024)
     points = on_sphere(4000)
@@ -202,7 +202,7 @@ def test_streaks_lie_along_exact_flow_lines():
 
 
 def test_streaks_of_smooth_fields_do_not_show_the_mesh():
-    """By their structure tensor, streaks of a rotation bend inside faces, unlike face vectors."""
+    """Directions of streaks, by their structure tensor, vary smoothly inside faces."""
     mesh, centre, count = square(9), np.array([0.53, 0.46, 0.0]), 300
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 150, length=0.2)
@@ -224,7 +224,7 @@ def test_streaks_of_smooth_fields_do_not_show_the_mesh():
 
 
 def test_width_of_streaks_is_independent_of_texels():
-    """The correlation length across the flow depends on the width only."""
+    """The correlation length across the flow depends only on the width in the parameters."""
     mesh, found = square(10), {}
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
     side = np.cross([0, 0, 1], field[0]) / np.linalg.norm(field[0])
@@ -261,7 +261,7 @@ def test_contrast_is_full_and_even():
     assert image.dtype == np.float32
     assert (image.min(), image.max()) == (0, 1)
     near(np.percentile(values, [2, 50, 98]), [0, 0.5, 1], 0.03)
-    # of a normal distribution: 0.33
+    # 0.33 for a normal distribution
     assert np.percentile(values, 75) - np.percentile(values, 25) > 0.45
     for low, high in pairwise((0, 0.3, 0.6, 0.9, 1)):
         near(values[(height >= low) & (height < high)].std(), 0.3, 0.05)
@@ -301,7 +301,7 @@ def test_zero_field_is_grey():
 
 
 def test_contrast_fades_with_speed():
-    """Around the pole of a rotation it is proportional to the distance."""
+    """Around the pole of a rotation, contrast is proportional to the distance."""
     mesh = sphere(4)
     field = rotation_field(mesh, [0, 0, 1])
     atlas, image = line_integral_convolution(mesh, field, size=1024, fade=True)
@@ -344,7 +344,7 @@ def test_streaks_of_later_phases_move_along_the_flow():
 
 
 def test_phases_are_periodic_with_even_contrast():
-    """Separately computed phases are equal."""
+    """Phases that are computed separately are equal, and their contrast is even."""
     atlas, images = line_integral_convolution(BALL, SPIN, size=256, phase=np.linspace(0, 1, 9))
     assert images.shape == (9, 256, 256)
     near(images[-1], images[0], 1e-5)

@@ -72,8 +72,6 @@ CASES: dict[type[Task], Callable[[Path], dict[str, Any]]] = {
 
 
 class Case:
-    """A task of one type with its inputs and its result."""
-
     def __init__(self, kind: type[Task], folder: Path) -> None:
         self.kind, self.folder = kind, folder
         self.inputs = CASES[kind](folder)

@@ -34,7 +34,6 @@ def case(request, tmp_path_factory):
 
 @pytest.fixture
 def saved(case, tmp_path):
-    """Return the file of the result."""
     case.found.save(tmp_path / "result.npz")
     return tmp_path / "result.npz"
 
@@ -73,7 +72,7 @@ def test_unknown_inputs_are_refused(case):
 
 @pytest.mark.parametrize(("name", "value"), [("alpha", -1), ("alpha", "much"), ("mask", " ")])
 def test_invalid_values_are_refused(case, name, value):
-    if name == "mask":  # an empty cell counts as not given
+    if name == "mask":  # an empty cell counts as absent
         assert case.row(mask=value).key == case.row().key
         return
     with raises(ParameterError, "alpha"):
@@ -95,7 +94,7 @@ def test_digest_depends_on_values_and_contents_alone(case, tmp_path):
     again = Case.__new__(Case)
     again.kind, again.folder = case.kind, tmp_path / "moved"
     again.inputs = CASES[case.kind](again.folder)
-    if case.kind is not PopulationTask:  # its table contains paths
+    if case.kind is not PopulationTask:  # the table of a population contains paths
         assert again.task().digest == digest
 
 
@@ -186,7 +185,7 @@ def test_cancelled_task_keeps_the_best_result(case, tmp_path):
 
 def test_checkpoint_resumes_to_the_same_bits(case, saved, tmp_path):
     if case.kind not in (SequenceTask, PopulationTask):
-        return  # other tasks are short and have no checkpoint
+        return  # short tasks have no checkpoint
     notes, first = [], case.monitor(tmp_path / "out", lambda _: first.control.cancel())
     if case.kind is SequenceTask:
         case.task().solve(first)

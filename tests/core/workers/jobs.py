@@ -23,19 +23,16 @@ class Lines:
 
 
 def identity(_, given):
-    """Return the argument."""
     return given
 
 
 def fail(_, kind):
-    """Raise an error of a kind."""
     raise {"input": FunctionError, "memory": MemoryError, "bug": KeyError, "end": SystemExit}[kind](
         "two\nlines"
     )
 
 
 def warn(_, text):
-    """Issue a warning of the library."""
     warnings.warn(text, AbfmWarning, stacklevel=2)
     return text
 
@@ -57,12 +54,10 @@ def pass_checkpoints(state):
 
 
 def lines(state):
-    """Return the number of lines of the state."""
     return len(state.lines)
 
 
 def wait_for_file(_, file):
-    """Wait until a file exists."""
     with step("waiting"):
         while not file.exists():
             time.sleep(0.001)

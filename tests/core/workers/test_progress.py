@@ -26,7 +26,6 @@ def nothing_measured(monkeypatch):
 
 
 def reported_steps(work):
-    """Return the steps that work reports."""
     steps = []
     with reporting_steps(steps.append):
         work()
@@ -39,7 +38,7 @@ def tasks_of(work):
 
 
 def test_initial_rates_have_names_of_steps():
-    """A renamed step would silently lose its initial rate."""
+    """Every initial rate belongs to a step: a renamed step would silently lose its rate."""
     names = set()
     for path in Path(abfm.__file__).parent.rglob("*.py"):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -61,13 +60,13 @@ def test_shares_grow_and_remaining_times_fall():
         known = [seconds for seconds in remaining if seconds is not None]
         assert all(math.isfinite(seconds) and seconds >= 0 for seconds in known)
         assert known == sorted(known, reverse=True)
-        assert remaining[-1] is None  # the step takes longer than expected
+        assert remaining[-1] is None
 
 
 @pytest.mark.parametrize(
     ("known", "now", "share", "remaining"),
     [
-        ({"expected": 10.0}, 50.0, 0, 10),  # a clock that went back
+        ({"expected": 10.0}, 50.0, 0, 10),  # if the clock was set back
         ({}, 105.0, None, None),
         ({"done": 0.0}, 105.0, 0, None),
     ],
@@ -140,7 +139,7 @@ def test_stepped_loop_reports_shares_and_can_be_cancelled():
 
 
 def test_stepped_loop_ends_with_an_error_of_its_body():
-    """It ends at once, not when the error and its frames are garbage-collected."""
+    """The step ends when the error is raised, not when it is garbage-collected."""
     errors = []
 
     def work():
@@ -155,7 +154,7 @@ def test_stepped_loop_ends_with_an_error_of_its_body():
 
 
 def test_nested_step_is_reported_until_it_ends():
-    """A step that fails measures no rate."""
+    """The outer step is reported again after a nested one; a failed step measures no rate."""
 
     def work():
         with pytest.raises(RuntimeError), step("outer", 1.0), step("inner"):
@@ -169,7 +168,7 @@ def test_rates_of_small_steps_predict_larger_ones(monkeypatch):
     clock = iter(range(0, 1000, 2))
     monkeypatch.setattr(progress.time, "monotonic", lambda: float(next(clock)))
     expected = []
-    for work in (10.0, 20.0, 80.0):  # each takes two seconds
+    for work in (10.0, 20.0, 80.0):  # each step takes two seconds
         steps = reported_steps(lambda work=work: step("factoring", work).__enter__())
         expected.append(steps[0].expected)
         progress._store_rate("factoring", 2.0 / work, work)

@@ -38,7 +38,6 @@ shared = pytest.fixture(new_worker, scope="module")  # for tests that do not end
 
 
 def until(condition):
-    """Wait until a condition holds, for at most 30 seconds."""
     end = time.monotonic() + 30
     while not condition():
         assert time.monotonic() < end
@@ -85,7 +84,7 @@ def test_steps_and_reports_reach_the_waiting_thread(shared):
 
 def test_queued_call_reports_the_step_of_the_running_call(shared, tmp_path):
     first = shared.call(jobs.wait_for_file, tmp_path / "end")
-    shared.call(jobs.identity, 1)  # its result is not used
+    shared.call(jobs.identity, 1)  # a call that is still running
     tasks = []
 
     def end(step):
@@ -164,7 +163,7 @@ def test_abandoned_call_ends_and_its_answer_is_dropped(shared):
 
 def test_mesh_is_sent_once_and_returned_by_name(worker):
     mesh, other = icosphere(2), icosphere(1)
-    # the process stores only the latest mesh
+    # the process keeps only the latest mesh
     for sent, known in ((mesh, False), (mesh, True), (other, False), (mesh, False)):
         assert worker.call(jobs.same_mesh, sent).result() == (sent, known)
 
@@ -182,13 +181,13 @@ def test_digest_of_a_mesh_depends_on_its_content():
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_process_fails_its_call_and_is_replaced(worker, tmp_path, number):
-    """No zombie remains."""
+    """The call of a killed process fails, the next one starts another, and no zombie remains."""
     call = worker.call(jobs.wait_for_file, tmp_path / "never")
     inner = worker._connection.process._process
     threading.Timer(0.1, lambda: os.kill(inner.pid, number)).start()
     with raises(WorkerEndedError):
         call.result()
-    assert inner.returncode is not None  # no zombie remains
+    assert inner.returncode is not None
     with pytest.raises(WorkerEndedError):
         worker.call_now(jobs.identity, 1).result()
     assert worker.call(jobs.identity, 1).result() == 1
@@ -273,7 +272,7 @@ def test_closed_process_leaves_no_open_files(closed, monkeypatch):
 
 @pytest.mark.parametrize("at_once", [1, 3, 10_000])
 def test_message_is_assembled_from_pieces(at_once):
-    """A message without its end is refused."""
+    """A message is assembled from pieces; without its end it is refused."""
     content = pickle.dumps(list(range(100)))
     complete = len(content).to_bytes(8) + content
 
@@ -294,7 +293,6 @@ def test_message_is_assembled_from_pieces(at_once):
 
 
 def names():
-    """Return the names of all threads."""
     return [thread.name for thread in threading.enumerate()]
 
 

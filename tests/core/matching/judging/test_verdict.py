@@ -28,7 +28,7 @@ from tests.messages import check_message, raises
 from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
-# without a search for distant targets, so that matches fail for various causes
+# without the search for distant targets, so that matches fail for various causes
 USUAL = Parameters.of(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 FLAT = np.full(len(SPHERE.vertices), 0.3)
@@ -69,7 +69,7 @@ def labels(found):
 
 
 def test_matched_functions_need_no_advice():
-    """The source moves, and the residual of flow lines counts."""
+    """A matched source has no advice; the residual of flow lines decides if it is larger."""
     match = matched(at(0), at(45))
     verdict = judged(match)
     assert (verdict.kind, verdict.advice) == (Outcome.MATCHED, "")
@@ -109,7 +109,7 @@ def test_equal_functions_match_unless_constant():
 
 
 def test_verdict_ignores_a_large_constant():
-    """Only the deviation from the mean counts, even if it is small."""
+    """A constant offset does not hide a residual, even if functions vary by 1e-8 of it only."""
     f, g, flat = at(0, 0.2), at(30, 0.2), np.ones(len(FLAT))
     for size in (1e-2, 1e-5, 1e-8):
         unmoved = judged(matched(1 + size * f, 1 + size * g, iterations=0))
@@ -120,13 +120,12 @@ def test_verdict_ignores_a_large_constant():
 
 
 def test_different_ranges_are_impossible():
-    """The message names the channel with the largest difference."""
+    """Different ranges are impossible to match; the reason names the channel that differs most."""
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
     bound = range_bound(match.problem.functions)
     assert bound > 0.4
-    assert (
-        match.residual < bound + 0.01
-    )  # the goal is not smaller, although the discrete flow could reach it
+    # the outcome does not depend on the discrete flow, which could reach the goal
+    assert match.residual < bound + 0.01
     verdict = judged(match)
     assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.VALUES_DIFFER)
     assert "to 2" in verdict.reason
@@ -182,7 +181,7 @@ def test_unmoved_source_is_not_reached():
 
 
 def test_different_peaks_match_only_in_part():
-    """The discrete flow splits a peak, which is a match only if flow lines confirm it."""
+    """One peak cannot become two: a discrete flow that splits it is not confirmed by flow lines."""
     match = matched(at(0), at(50) + at(-50), goal=0.08)
     assert match.residual < 0.08
     unknown, refuted, confirmed = (judged(match, verified=value) for value in (np.nan, 0.7, 0.05))
@@ -201,7 +200,7 @@ def test_different_boundary_values_are_not_reached():
 
 
 def test_unconfirmed_match_is_not_reached():
-    """Folded faces also prevent a match, unless flow lines confirm it."""
+    """Without confirmation by flow lines, or with folded faces, a match is not reached."""
     given = at(0), at(40), at(40)
     verdict = verdict_of(*given, verified=0.4)
     assert verdict.kind == "not reached"
@@ -252,7 +251,7 @@ def test_iteration_limit_advises_more_iterations():
     ],
 )
 def test_stop_reason_is_the_last_cause(stop_reason, named):
-    """It is the cause if no other one applies."""
+    """The reason for stopping is the cause of a verdict if there is no other cause."""
     verdict = verdict_of(at(0), at(60), at(30), stop_reason)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "1.2", "0.72")
@@ -260,14 +259,14 @@ def test_stop_reason_is_the_last_cause(stop_reason, named):
 
 
 def test_advice_for_alpha_of_zero():
-    """The default is advised if the line search failed, and never a smaller value."""
+    """For alpha = 0 the default is advised if the line search failed, but never a smaller value."""
     given, rough = (at(0), at(60), at(30)), Parameters(alpha=0.0)
     check_message(verdict_of(*given, "line search failed", rough).advice, "0.01")
     assert "alpha" not in verdict_of(*given, "converged", rough).advice
 
 
 def test_similar_signals_have_a_neutral_reason():
-    """They share some waves and have others of their own, like measured signals."""
+    """Sums of partly shared waves, like measured signals, have a reason without "failed"."""
     rng = np.random.default_rng(1)
     waves = np.sin(5 * SPHERE.vertices @ rng.normal(size=(3, 6)) + rng.normal(size=6)).T
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
@@ -278,7 +277,7 @@ def test_similar_signals_have_a_neutral_reason():
 
 
 def test_every_verdict_is_one_line_without_a_full_stop():
-    """For all combinations of evidence, and functions of each kind."""
+    """Every combination of functions and evidence has one line of reason and of advice."""
     f, g, unknown, kinds = at(0), at(60), np.nan, set()
     for source, target in ((f, g), (f, 1.3 * g), (f, 3 * g), (f, g + at(-60)), (FLAT, f)):
         for advected, reason, verified, folded in itertools.product(
@@ -326,7 +325,7 @@ def test_each_remedy_lowers_the_residual(names, degrees, parameters):
 
 
 def test_larger_tau_is_equivalent_to_smaller_sigma():
-    """Therefore no remedy changes tau."""
+    """Doubling tau is equivalent to halving sigma, so no remedy changes tau."""
     p = Parameters.of(sigma=0.1, levels=1, reach=0.0, cooling_stages=1, iterations=20)
     slow, long = (
         abfm.match(EGG, around(0, 0.2), around(60, 0.2), p.with_values(**changes))
@@ -372,10 +371,7 @@ def test_remedy_changes_only_different_parameters():
     st.lists(st.tuples(SHARE, SHARE | st.just(np.nan), st.integers(0, 9)), min_size=6, max_size=6),
 )
 def test_remedies_never_undo_each_other(p, reason, outcomes):
-    """Alpha, order, reach and refinement only grow, and sigma only falls.
-
-    This is true for any outcome of each run.
-    """
+    """Alpha, order, reach and refinement only grow, and sigma only falls, for any outcomes."""
     problem = FunctionTerm(EGG, around(0), around(60))
     for mismatch, verified, choice in outcomes:
         evidence = Evidence(
@@ -444,10 +440,10 @@ def test_remedies_of_extreme_parameters_are_valid(extreme, size):
     ],
 )
 def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, kind, cause):
-    """Noise with this correlation needs a residual clearly below that without motion.
+    """Noise is registered only if its residual is clearly below that of the zero field.
 
-    ``residual_ratio`` is absolute for unrelated functions, and else relative to the residual
-    without motion.
+    ``residual_ratio`` is absolute for unrelated functions, and otherwise relative to the
+    residual of the zero field.
     """
     f, other = np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices)))
     g = correlation * f + math.sqrt(1 - correlation**2) * other

@@ -73,7 +73,7 @@ def test_rotation_of_disc_is_verified_up_to_the_boundary():
 
 
 def test_discrete_match_of_noise_is_not_confirmed():
-    """The target is the result of the discrete flow, so that the discrete residual is 0."""
+    """A target made by the discrete flow of noise has discrete residual 0, but no confirmation."""
     mesh = icosphere(4)
     f, _, field = rotated(mesh, AXIS, 0.15)
     smooth, rough = (
@@ -86,7 +86,7 @@ def test_discrete_match_of_noise_is_not_confirmed():
 
 
 def test_rough_fields_flip_faces_or_overflow():
-    """The flow of a continuous field has no folds; without motion, the residual is known."""
+    """Flow lines of rough fields have no folds; for the zero field, the residual is known."""
     mesh = icosphere(3)
     f, g, field = rotated(mesh, AXIS, 0.2)
     smooth, rough = (
@@ -102,13 +102,12 @@ def test_rough_fields_flip_faces_or_overflow():
     varying = g - np.average(g, weights=vertex_areas(mesh))
     unmoved, expected = verify(mesh, f, g, 0 * field), l2_norm(mesh, f - g) / l2_norm(mesh, varying)
     assert_allclose(unmoved.flow_lines, expected, rtol=1e-8)
-    assert_allclose(
-        unmoved.subdivided, expected, rtol=0.1
-    )  # the same functions with another quadrature
+    # both use the same functions, with different quadratures
+    assert_allclose(unmoved.subdivided, expected, rtol=0.1)
 
 
 def test_several_fields_and_channels_are_verified():
-    """Two rotations do not commute, and a channel of weight 0 is ignored."""
+    """Two rotations that do not commute are verified; a channel of weight 0 is ignored."""
     mesh = icosphere(4)
     first, second = [np.pi / 2, 0, 0], [0, 0, np.pi / 2]
     fields = np.stack([2 * rotation_field(mesh, first), 2 * rotation_field(mesh, second)])
@@ -134,7 +133,7 @@ def test_masked_values_have_no_effect():
 
 
 def test_linearised_steps_converge_on_the_subdivision():
-    """Many short steps are as good as the exponential, one long step is not."""
+    """Many short linearised steps are as good as the exponential, one long step is not."""
     mesh = icosphere(3)
     f, g, field = rotated(mesh, 0.3 * AXIS, 0.2)
     exact = verify(mesh, f, g, field)
@@ -168,7 +167,7 @@ def test_check_on_subdivision_is_optional(monkeypatch):
 @pytest.mark.parametrize(
     ("flow_lines", "subdivided", "checks_disagree"),
     [
-        (0.01, 0.05, False),  # both are small
+        (0.01, 0.05, False),  # both residuals are small
         (0.10, 0.19, False),
         (0.10, 0.21, True),
         (0.30, 0.10, True),
@@ -178,7 +177,7 @@ def test_check_on_subdivision_is_optional(monkeypatch):
     ],
 )
 def test_disagreement_of_checks(flow_lines, subdivided, checks_disagree):
-    """It needs a difference of more than 0.05 and a ratio of more than 2."""
+    """Two residuals disagree if they differ by more than 0.05 and by a ratio above 2."""
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.checks_disagree == checks_disagree
     assert one.residual == flow_lines

@@ -25,7 +25,7 @@ REACHES = [0.0, 0.4]
 
 
 def problem(mesh, channels=1):
-    """Return bumps and other bumps, (V, C); each channel is ten times the last one."""
+    """Return bumps and other bumps, (V, C); each channel is ten times the previous one."""
     sizes, starts = 10.0 ** np.arange(channels), range(0, 30 * channels, 30)
     f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in starts], axis=1)
     g = np.stack([bump(mesh, mesh.vertices[i + 17], 0.15) for i in starts], axis=1)
@@ -70,7 +70,7 @@ def order_at(E, v, size=0.02, **of_stage):
     ids=["one field", "three fields", "linearised"],
 )
 def test_gradient_is_exact(mesh, order, reach, channels, kind):
-    """For all norms and methods that stages use."""
+    """The Taylor remainder has order 1.9 or more, for all norms and methods of stages."""
     E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
     v = frames(mesh, E.parameters.solver.segments)
     assert order_at(E, v, reach=reach) >= 1.9
@@ -80,7 +80,7 @@ def test_gradient_is_exact(mesh, order, reach, channels, kind):
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
 @pytest.mark.parametrize("reach", REACHES)
 def test_gradient_is_exact_for_truncated_series(tolerance, reach):
-    """The steps are so small that the number of terms does not change."""
+    """The Taylor steps are so small that they do not change the number of terms."""
     E = energy(CLOSED, 3, order=2)
     assert order_at(E, frames(CLOSED, 1), 1e-3, reach=reach, tolerance=tolerance) >= 1.9
 
@@ -116,7 +116,7 @@ def test_larger_tolerance_has_larger_error():
 
 @pytest.mark.parametrize("extras", [{}, {"gradient": "bracket"}, {"method": "linearised"}])
 def test_gradient_can_be_computed_later(extras):
-    """Later evaluations use the same memory."""
+    """The gradient of an evaluation is exact after later evaluations, which share its memory."""
     mesh = FINE["closed"]
     E = MatchingEnergy(mesh, *problem(mesh, 2), PLAIN.with_values(segments=0, **extras))
     v, w = (to_frame(E.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
@@ -127,7 +127,7 @@ def test_gradient_can_be_computed_later(extras):
 
 
 def test_value_agrees_with_the_formula():
-    """Eq. 6 with the exponential of SciPy and explicit matrices, on the mesh of unit area."""
+    """Eq. 6 with SciPy's exponential and explicit matrices, on the mesh of unit area."""
     mesh, p = FINE["boundary"], PLAIN.with_values(segments=3)
     (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0.01, 1, len(mesh.vertices)), [0.5, 2.0]
@@ -156,7 +156,7 @@ def test_bracket_gradient_converges_with_substeps():
 
 
 def test_linearised_bracket_is_the_exact_gradient():
-    """Eq. 8 has no bracket."""
+    """For linearised flows (Eq. 8) there is no bracket, so both gradients are equal."""
     mesh, p = FINE["closed"], PLAIN.with_values(method="linearised", segments=3)
     exact, bracket = (
         MatchingEnergy(mesh, *problem(mesh), p.with_values(gradient=kind))(fields(mesh, 3))[1]
@@ -168,7 +168,7 @@ def test_linearised_bracket_is_the_exact_gradient():
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("segments", [1, 3])
 def test_bracket_gradient_without_motion_is_exact(order, segments):
-    """At v = 0 there is no approximation, for any norm of the mismatch."""
+    """At v = 0, the bracket gradient is the exact one, for any norm of the mismatch."""
     exact, bracket = (
         energy(OPEN, 3, order=order, segments=segments, gradient=kind)
         for kind in ("adjoint", "bracket")
@@ -182,7 +182,7 @@ def test_bracket_gradient_without_motion_is_exact(order, segments):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
 def test_other_alpha_is_equivalent_to_other_parameters(order, alpha):
-    """Energy, gradient and inverse are bitwise equal; the norm of the parameters is unchanged."""
+    """An objective with another alpha equals one of such parameters; the cached norm stays."""
     E, other, v = energy(OPEN, order=order), energy(OPEN, order=order, alpha=alpha), frames(OPEN, 1)
     before = E.objective(0.2).evaluate(v)
     found = E.objective(0.2, alpha=alpha).evaluate(v)
@@ -197,7 +197,7 @@ def test_other_alpha_is_equivalent_to_other_parameters(order, alpha):
 
 
 def test_only_the_latest_other_alpha_is_cached():
-    """Factorisations are large, and the last stages have many values of alpha."""
+    """Large factorisations are cached for the latest of many values of alpha only."""
     E = energy(OPEN)
     usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
     gc.collect()
@@ -208,7 +208,7 @@ def test_only_the_latest_other_alpha_is_cached():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_order_changes_only_the_regularity(order):
-    """It is ``dtau / 2 sum_j <v_j, R_order v_j>``."""
+    """The order changes only the regularity, ``dtau / 2 sum_j <v_j, R_order v_j>``."""
     E, other = (energy(OPEN, order=k, segments=3) for k in (order, 3 - order))
     v = frames(OPEN, 3)
     found = E.objective(0.2).evaluate(v)
@@ -220,7 +220,7 @@ def test_order_changes_only_the_regularity(order):
 
 
 def test_function_size_is_the_larger_deviation():
-    """On the sphere, ``||z||^2 = area R^2 / 3``, and the mean of z^4 is R^4 / 5."""
+    """The size is the larger RMS deviation from the mean, ``R / sqrt(3)`` for z on a sphere."""
     mesh = icosphere(4, radius=2.0)
     z, flat = mesh.vertices[:, 2], np.full(len(mesh.vertices), 5.0)
 
@@ -246,7 +246,7 @@ def test_relative_sigma_is_a_multiple_of_the_size():
 
 
 def test_exponent_bounds_the_spectrum():
-    """It is homogeneous in the fields, and additive over consecutive fields."""
+    """The exponent is homogeneous in the fields, and additive over consecutive fields."""
     mesh = open_cylinder(16, 6)
     v, E = frames(mesh, 2), energy(mesh, segments=2)
     total = E.flow(v).exponent
@@ -259,7 +259,7 @@ def test_exponent_bounds_the_spectrum():
 
 
 def test_overflow_has_infinite_energy():
-    """The advected source is that of the evaluation, and NaN if the flow overflows."""
+    """If the flow overflows, the energy is infinite and the advected source is NaN."""
     E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
     assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
     assert np.isnan(E.advected(1e9 * v)).all()

@@ -38,14 +38,14 @@ def random_field(mesh, seed=0):
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_apply_is_the_norm_matrix(mesh, alpha):
-    """The norm of second order is ``R M^-1 R``."""
+    """The norm of order 1 is the matrix R, that of order 2 is ``R M^-1 R``."""
     v, R = random_field(mesh), vector_norm_matrix(mesh, alpha)
     norms = [Regularizer(mesh, alpha, order) for order in (1, 2)]
     momentum = R @ v.ravel()
     by_mass = momentum / norms[1].mass
     for norm, expected in zip(norms, (momentum, R @ by_mass), strict=True):
         found = norm.apply(v)
-        assert_array_equal(v, random_field(mesh))  # the input is unchanged
+        assert_array_equal(v, random_field(mesh))  # unchanged
         assert found.shape == v.shape
         assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
     assert (v * found).sum() == pytest.approx(momentum @ by_mass, rel=1e-11)
@@ -55,7 +55,7 @@ def test_apply_is_the_norm_matrix(mesh, alpha):
 @pytest.mark.parametrize("alpha", ALPHAS)
 @pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
 def test_inverse_is_exact(mesh, alpha, order, divergence):
-    """Up to rounding errors, by a condition number of about ``(1 + alpha / h^2)^order``."""
+    """Rounding errors are those of a condition number of about ``(1 + alpha / h^2)^order``."""
     R, m = Regularizer(mesh, alpha, order, divergence), random_field(mesh)
     norm, factor_max = np.linalg.norm, max(1.0, divergence) * alpha
     condition = 1 + factor_max * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
@@ -69,7 +69,7 @@ def test_inverse_is_exact(mesh, alpha, order, divergence):
 @pytest.mark.parametrize("alpha", [0.0, 1e-4, 0.1, 1.0])
 @pytest.mark.parametrize("divergence", [1.0, 10.0])
 def test_norm_and_inverse_are_symmetric_and_positive(mesh, alpha, order, divergence):
-    """The norm of each order is at least that of the order below, starting with the mass."""
+    """The norm of each order is at least that of the order below; order 0 is the mass."""
     R = Regularizer(mesh, alpha, order, divergence)
     v, u = random_field(mesh, 1), random_field(mesh, 2)
     norm = np.linalg.norm
@@ -85,7 +85,7 @@ def test_norm_and_inverse_are_symmetric_and_positive(mesh, alpha, order, diverge
 
 
 def test_inverse_agrees_with_scipy(mesh, monkeypatch):
-    """Also without cholespy; for alpha 0 the norm is the mass."""
+    """The inverse equals SciPy's, with and without cholespy; for alpha 0 the norm is the mass."""
     m = random_field(mesh)
     for alpha in (0.1, 1e3):
         expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
@@ -94,16 +94,17 @@ def test_inverse_agrees_with_scipy(mesh, monkeypatch):
     R = Regularizer(mesh, 0.0)
     assert_array_equal(R.apply(m).ravel(), R.mass * m.ravel())
     assert_array_equal(R.inverse(m).ravel(), m.ravel() / R.mass)
-    assert_array_equal(m, random_field(mesh))  # the input is unchanged
+    assert_array_equal(m, random_field(mesh))  # unchanged
     expected = Regularizer(mesh, 0.1).inverse(m)
-    monkeypatch.setattr(cholesky, "CholeskySolverD", None)  # SuperLU's, where there is no wheel
+    # SuperLU, used where cholespy has no wheel
+    monkeypatch.setattr(cholesky, "CholeskySolverD", None)
     found = Regularizer(mesh, 0.1).inverse(m)
     assert_allclose(found, expected, rtol=0, atol=1e-11 * abs(expected).max())
 
 
 @pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
 def test_divergence_affects_only_gradients(divergence):
-    """The gradient of z on the sphere, and the rotated gradient, have eigenvalue 2."""
+    """With divergence d, grad z on the sphere has the norm 1 + 2 alpha d, J grad z 1 + 2 alpha."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)
@@ -121,7 +122,7 @@ def test_divergence_affects_only_gradients(divergence):
 
 
 def test_inverse_of_rotation_field_is_known():
-    """The field of a rotation of the sphere is an eigenfield of ``Delta_H``."""
+    """A rotation of the sphere is an eigenfield of ``Delta_H``, so its inverse is a multiple."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)
@@ -157,7 +158,7 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_a
 
 
 def test_factorisation_at_exit_reports_no_leak():
-    """The factorisation still exists when the interpreter ends."""
+    """A factorisation that exists when the interpreter ends causes no leak report."""
     assert python(_OUTLIVES, check=True).stderr == ""
 
 
@@ -165,7 +166,7 @@ def test_factoring_in_subprocesses_is_bitwise_equal():
     mesh = icosphere(3)
     m, in_subprocess = random_field(mesh), Regularizer(mesh, 0.1)
     expected = Regularizer(mesh, 0.1).inverse(m)
-    with factoring_in_subprocess(1000):  # only the system of the edges
+    with factoring_in_subprocess(1000):  # only the system of the edges is large enough
         for _ in range(2):
             assert_array_equal(in_subprocess.inverse(m), expected)
     kinds = [isinstance(solve, cholesky._SubprocessFactor) for solve in in_subprocess._solvers]
@@ -173,7 +174,7 @@ def test_factoring_in_subprocesses_is_bitwise_equal():
 
 
 def test_ended_factoring_process_raises_memory_error():
-    """A process ends when its factorisation is no longer needed."""
+    """Solving by a subprocess that ended raises a MemoryError; unused subprocesses end."""
     with factoring_in_subprocess(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
@@ -192,7 +193,7 @@ def test_ended_factoring_process_raises_memory_error():
 
 
 def test_factoring_in_subprocess_is_local():
-    """It needs the context manager, in the same thread, and enough unknowns."""
+    """Only systems of enough unknowns, in the thread of the context manager, use a subprocess."""
     matrix = sparse.csr_array(sparse.eye_array(3))
     found = []
     with factoring_in_subprocess(1):
@@ -240,7 +241,7 @@ def test_only_slivers_are_made_thicker():
     assert found.areas[1] == pytest.approx(0.5 * 1e-5)
     assert np.sqrt((found.gradients[1] ** 2).sum(axis=1).max()) == pytest.approx(1e5)
     assert_array_equal(found.gradients[0], hat_gradients(mesh)[0])
-    # gradients and rotated gradients are orthogonal only with the area of the same triangle
+    # otherwise gradients and rotated gradients would not be orthogonal
     x, y = found.gradients[1, 0], found.gradients[1, 1]
     assert found.areas[1] * (x[0] * y[1] - x[1] * y[0]) == pytest.approx(0.5)
     wide = sliver(1e-4)

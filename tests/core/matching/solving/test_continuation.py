@@ -57,7 +57,7 @@ def waves(points, seed):
 def advected_waves(seed):
     """Return noisy waves, advected by a smooth flow, as a problem; and the origins of values.
 
-    The noise is a fifth of the deviation.
+    The noise is a fifth of the standard deviation.
     """
     origins = ContinuousFlow(SPHERE, 0.1 * wavy_field(SPHERE, seed)[None], 1.0).origins().positions
     rng, there = np.random.default_rng(seed), origins / np.linalg.norm(origins, axis=1)[:, None]
@@ -87,7 +87,7 @@ def test_reach_ends_when_the_target_is_found():
         reaches = [one.reach for one in variant]
         assert reaches == sorted(reaches, reverse=True)
         assert set(reaches) == {0.0, 1.0}
-        assert variant[0].residual > 1.2  # from no motion again
+        assert variant[0].residual > 1.2  # the second variant begins with the zero field
         at = reaches.index(0.0)
         assert variant[at - 1].residual <= 0.75
         assert variant[at].sigma == variant[at - 1].sigma
@@ -97,7 +97,7 @@ def test_reach_ends_when_the_target_is_found():
 
 @pytest.mark.parametrize(("sigma", "required"), [(None, 0.05), (0.02, 0.15)])
 def test_second_variant_has_two_fields(sigma, required):
-    """It is tried only if the first one has a larger residual than required."""
+    """A second variant, with two fields, follows if the first exceeds the required residual."""
     close, seen = exact(0.2, sigma=sigma)
     assert {len(one.velocity) for one in seen} == {1}
     assert close.worse_residual <= required
@@ -112,7 +112,7 @@ def test_second_variant_has_two_fields(sigma, required):
 
 @pytest.mark.parametrize(("width", "sigma", "count"), [(0.2, 0.02, 2), (0.3, 0.05, 3)])
 def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypatch):
-    """With a given sigma, the mesh itself compensates for fewer iterations on coarse levels."""
+    """With fewer iterations on coarse levels, the final energy stays within 10%."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, width) for axis in ([0, 0, 1], [0, 1, 0]))
     p = Parameters.of(sigma=sigma, cooling_stages=1, levels=count)
@@ -133,12 +133,12 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
     assert len(few) < 0.8 * len(many)
     assert {len(one.velocity) for one in few} == {1}
     for one in (short, long):
-        assert one.worse_residual < 0.01  # a fifth of the goal
+        assert one.worse_residual < 0.01  # the goal is 0.05
     assert_allclose(short.energy_history[-1][0], long.energy_history[-1][0], rtol=0.1)
 
 
 def test_coarse_fields_are_smoothed_for_given_sigma():
-    """Otherwise kinks over edges of the coarse mesh would cost more than the match gains."""
+    """Smoothing removes kinks over coarse edges, which would cost more than the match gains."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.2) for axis in ([0, 0, 1], [0, 1, 0]))
     seen = []
@@ -161,12 +161,12 @@ def test_path_ends_when_both_checks_reach_the_goal(goal):
     assert sigmas[0] == FIRST_SIGMA_MAX
     *falls, last = np.divide(sigmas[:-1], sigmas[1:])
     assert_allclose(falls, 3.0)
-    assert_allclose(np.log(last) / np.log(3), max(1, round(np.log(last) / np.log(3))))  # confirmed
+    assert_allclose(np.log(last) / np.log(3), max(1, round(np.log(last) / np.log(3))))
     assert exact(goal=goal / 2)[0].path[-1].sigma <= end.sigma
 
 
 def test_best_step_by_larger_residual_is_selected():
-    """If no step reaches the goal."""
+    """If no step reaches the goal, the step of the smallest larger residual is selected."""
     match, _ = exact(0.07, 30)
     residuals = [worse(step) for step in match.path]
     assert min(residuals) > match.parameters.goal
@@ -177,7 +177,7 @@ def test_best_step_by_larger_residual_is_selected():
 
 @pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.12, 60), (0.1, 100)])
 def test_correction_balances_both_checks(width, b, monkeypatch):
-    """It lowers the larger residual, and brings both residuals closer to each other."""
+    """The correction lowers the larger of both residuals, and halves their difference."""
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(continuation, "_corrected", lambda state, level: state)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
@@ -199,7 +199,7 @@ def test_path_ends_at_given_sigma(sigma, unit):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_residual_falls_and_distortion_grows_with_sigma(seed):
-    """For measured functions, with decreasing sigma."""
+    """For measured functions, smaller sigmas have smaller residuals and larger distortion."""
     ends = [registered(seed, sigma=sigma)[0].path[-1] for sigma in SIGMAS]
     assert [end.sigma for end in ends] == list(SIGMAS)
     assert (np.diff([end.residual for end in ends]) < 0).all()
@@ -215,7 +215,6 @@ def test_selected_step_has_nearly_the_most_accurate_map(seed):
     errors = [error(match, step.velocity, origins) for step in match.path]
     assert match.verdict.kind == "registered"
     assert errors[match.step] <= 1.5 * min(errors)
-    # neither the first nor the last step is the most accurate
     assert max(errors[0], errors[-1]) > 1.2 * min(errors)
     assert 0.3 * error(match, 0 * match.velocity, origins) > errors[match.step]
     assert LAST_SIGMA < match.path[match.step].sigma < FIRST_SIGMA_MAX
@@ -223,7 +222,7 @@ def test_selected_step_has_nearly_the_most_accurate_map(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_selected_sigma_is_minimum_of_parabola(seed):
-    """It lies between steps with a ratio of sqrt(3); the path ends one step after the best."""
+    """Sigma minimises a parabola between steps; the path ends one step after the best score."""
     match, _ = registered(seed)
     path = list(match.path)
     selected = path.pop(match.step)
@@ -256,7 +255,7 @@ def test_selected_sigma_is_minimised():
 
 
 def test_selection_of_sigma_costs_little(monkeypatch):
-    """All folds together take less than twice as many evaluations as the steps."""
+    """The folds of held-out data together take less than twice the evaluations of the steps."""
     in_folds, search = [], descent.search_of
 
     def counted(energy, stage, at):
@@ -274,7 +273,7 @@ def test_selection_of_sigma_costs_little(monkeypatch):
 
 
 def test_measured_functions_ignore_a_start():
-    """Unless there are no iterations."""
+    """Measured functions ignore a given start, except without iterations."""
     match, _ = registered(0)
     again = abfm.match(match.problem.starting_from(match.path[-1].velocity))
     assert_array_equal(again.fine_velocity, match.fine_velocity)
@@ -312,7 +311,7 @@ def test_measurements_of_steps_agree_with_their_fields(found):
 @pytest.mark.parametrize("width", [0.1, 0.12])
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
 def test_refinement_never_increases_the_residual(width, changes):
-    """The number of subdivisions is at most the requested one."""
+    """The residual never grows; subdivisions end early if another one does not help."""
     of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
     residuals = [match.worse_residual for match in of]
     assert residuals == sorted(residuals, reverse=True)
@@ -321,7 +320,7 @@ def test_refinement_never_increases_the_residual(width, changes):
         assert match.refined <= k
         assert match.parameters.refine == k
         assert match.path[match.step].sigma == changes.get("sigma", match.path[match.step].sigma)
-        if match.refined < k:  # the next subdivision did not help
+        if match.refined < k:  # fewer than requested, as another one would not help
             assert residuals[k] == residuals[k - 1] or residuals[k] <= match.parameters.goal
     assert residuals[2] < 0.7 * residuals[0]
 
@@ -342,7 +341,7 @@ def test_refined_match_is_a_match_of_the_mesh():
 
 
 def test_resolved_functions_are_rarely_refined():
-    """Only if flow lines alone have a large residual, and a flow can match the functions."""
+    """They are refined only if flow lines alone have a large residual and a flow can match them."""
 
     def resolved(f, g, mismatch, verified):
         energy = MatchingEnergy(SPHERE, f, g, Parameters())
@@ -357,7 +356,7 @@ def test_resolved_functions_are_rarely_refined():
     assert not resolved(one, other, 0.1, 0.2)
     assert not resolved(one, other, 0.1, 0.1)
     assert not resolved(*pair(width=0.05), 0.2, 0.2)  # narrower than five edges
-    assert resolved(one, one + other, 0.1, 0.2)  # with two peaks
+    assert resolved(one, one + other, 0.1, 0.2)  # one peak cannot become two
 
 
 def test_jumps_are_refined_only_on_request():
@@ -368,7 +367,7 @@ def test_jumps_are_refined_only_on_request():
 
 
 def test_refinement_needs_remaining_iterations():
-    """Without iterations, a match far from its target is not refined."""
+    """Without remaining iterations, an unfinished match is not refined."""
     for iterations, times in ((6, 0), (60, 1)):
         found = exact(0.2, 30, SMALL, refine=None, iterations=iterations)[0]
         assert (found.refined, len(found.energy_history)) == (times, iterations + 1)

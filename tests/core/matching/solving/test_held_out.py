@@ -37,7 +37,7 @@ def test_folds_are_even_and_deterministic(mesh):
 
 @pytest.mark.parametrize("mesh", [SPHERE, torus(60, 30)])
 def test_folds_of_symmetric_surfaces_ignore_rounding(mesh):
-    """Many points have the same distance from the last centres, for any motion of the surface."""
+    """Ties between equally distant points are broken independently of rounding and motion."""
     for turn in range(3):
         moved = Rotation.random(random_state=turn).apply(mesh.vertices.copy())
         other = TriangleMesh(3.7 * moved + turn, mesh.faces)
@@ -52,7 +52,7 @@ def test_folds_consist_of_patches():
 
 @pytest.mark.parametrize("mask", [None, MASK])
 def test_every_vertex_is_held_out_once(mask):
-    """A fold has no weight on its patches, and shares the factorisations."""
+    """The hidden weights of all folds add up to the mask; folds share the factorisations."""
     complete = energy(*bumps(5), mask)
     parts = fold_energies(complete)
     given = np.ones(len(SPHERE.vertices)) if mask is None else mask
@@ -63,7 +63,7 @@ def test_every_vertex_is_held_out_once(mask):
         assert part.functions.function_size == pytest.approx(
             complete.functions.function_size, rel=0.2
         )
-        assert part.regularizer(0.5) is complete.regularizer(0.5)  # shared factorisations
+        assert part.regularizer(0.5) is complete.regularizer(0.5)
     few = np.where(folds(complete.mesh) == 1, given, 0.0)
     assert fold_energies(energy(*bumps(5), few)) == []
 
@@ -81,7 +81,7 @@ def test_score_is_the_residual_of_held_out_patches():
 
 
 def test_fields_do_not_depend_on_held_out_values():
-    """Another target on the patches of a fold does not change the field of this fold."""
+    """Other target values on the patches of a fold change the fields of all other folds only."""
     (f, g), fields, p = (
         bumps(5),
         [],
@@ -114,12 +114,12 @@ def test_held_out_residual_distinguishes_flow_from_noise():
         assert (after > before) != gains
 
 
-SIGMAS = np.array([6.0, 3.0, 2.0])  # at different distances
+SIGMAS = np.array([6.0, 3.0, 2.0])  # Gaussians at different distances
 
 
 @pytest.mark.parametrize("best", [2.3, 3.0, 4.1])
 def test_parabola_finds_exact_minimum(best):
-    """Scores are quadratic in log sigma, so values there are interpolated without error."""
+    """For scores that are quadratic in log sigma, minimum and interpolated values are exact."""
     scores = 0.7 + 0.04 * np.log(SIGMAS / best) ** 2
     sigma, weights = best_between(SIGMAS, scores)
     assert sigma == pytest.approx(best, rel=1e-9)
@@ -150,7 +150,7 @@ def test_parabola_without_minimum_is_none(scores):
     [[0.58046, 0.57574, 0.58225], [0.58811, 0.5828, 0.58645], [0.57568, 0.57204, 0.57771]],
 )
 def test_score_error_moves_sigma_little(scores):
-    """An error of 0.001 moves sigma by less than 5%, although steps differ by 73%."""
+    """An error of 0.001 in a score moves sigma by less than 5%; steps differ by 73%."""
     sigmas = 18 / np.sqrt(3) ** np.arange(2, 5)
     sigma, _ = best_between(sigmas, scores)
     for error in 0.001 * np.vstack([np.eye(3), -np.eye(3)]):

@@ -75,7 +75,7 @@ def test_waiting_match_can_be_cancelled():
     cancelled.cancel()
     with _making(mesh), controlled(cancelled), pytest.raises(CancelledError), _making(mesh):
         pass
-    with _making(mesh):  # the lock is free again
+    with _making(mesh):  # the lock was released
         pass
 
 
@@ -86,7 +86,7 @@ def level_count(mesh, f, g, monkeypatch, **extras):
 
 
 def test_coarse_levels_resolve_the_functions(monkeypatch):
-    """A bump of half the width has one level less; each level has a quarter of the vertices."""
+    """Each level has a quarter of the vertices; a bump of half the width has one level less."""
     mesh, small = icosphere(4), icosphere(2)
     for width, count in ((0.3, 3), (0.15, 2), (0.075, 1)):
         f, g = (bump(mesh, [0, 0, s], width) for s in (1, -1))
@@ -94,7 +94,6 @@ def test_coarse_levels_resolve_the_functions(monkeypatch):
     flat = np.ones(len(mesh.vertices))
     assert level_count(mesh, flat, flat, monkeypatch) == 3
     assert level_count(small, bump(small, [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
-    # channels of weight 0 are ignored
     wide, narrow = (bump(mesh, [0, 0, 1], w) for w in (0.3, 0.075))
     f = np.stack([wide, narrow], axis=1)
     assert level_count(mesh, f, -f, monkeypatch, weights=[1, 1]) == 1
@@ -102,7 +101,7 @@ def test_coarse_levels_resolve_the_functions(monkeypatch):
 
 
 def test_energy_is_similar_on_all_levels():
-    """Without motion, for both norms, with mask and weights."""
+    """The energies of the zero field differ by less than 15%, with masks, weights and reach."""
     mesh = icosphere(4)
     f = np.stack([bump(mesh, [0, 0, 1], 0.3), 2 * bump(mesh, [1, 0, 0], 0.3)], axis=1)
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
@@ -125,7 +124,7 @@ def test_energy_is_similar_on_all_levels():
 
 
 def test_fields_round_trip_between_levels():
-    """In the unit of each mesh scaled to unit area, although the areas differ."""
+    """Fields are in the unit of each mesh scaled to unit area, although the areas differ."""
     ball = icosphere(4)
     f, g = (bump(ball, [0, 0, s], 0.3) for s in (1, -1))
     level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters.of(levels=2))).all
@@ -139,7 +138,7 @@ def test_fields_round_trip_between_levels():
 
 
 def test_transfers_of_different_meshes_are_distinct():
-    """Two coarse meshes may have equal numbers of vertices but different faces."""
+    """Coarse meshes with equally many vertices but different faces have their own transfers."""
     fine, coarse = icosphere(2), icosphere(1)
     other = renumbered(coarse, 1)[0]
     assert module._transfer(fine, coarse).coarse is coarse
@@ -184,7 +183,7 @@ def test_transfers_are_averages_and_adjoint(fine):
 
 
 def test_averages_preserve_integrals():
-    """Exactly by the areas of hat functions, and with order two by areas of the coarse mesh."""
+    """Integrals are exact by areas of hat functions, and of order 2 by areas of the coarse mesh."""
     errors = []
     for subdivisions in (3, 4, 5):
         pair = transfer(icosphere(subdivisions))
@@ -197,7 +196,7 @@ def test_averages_preserve_integrals():
 
 
 def test_linear_functions_on_a_plane_are_exact():
-    """Also constant fields, on the part of the fine mesh that the coarse one covers."""
+    """Linear functions and constant fields are exact where the coarse mesh covers the fine one."""
     pair, slope = transfer(FINE["square"]), np.array([2.0, -3.0, 0.0])
     mesh, coarse = pair.fine, pair.coarse
     covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
@@ -225,7 +224,7 @@ def errors_between(subdivisions, nested):
 
 
 def test_transfer_errors_have_order_two():
-    """On uneven meshes, averages are less accurate, as they are centred less well."""
+    """Errors have order 2; averages on uneven meshes, which are centred less well, order 1."""
     nested, uneven = (
         np.transpose([errors_between(k, kind) for k in (3, 4, 5)]) for kind in (True, False)
     )
@@ -236,7 +235,7 @@ def test_transfer_errors_have_order_two():
 
 
 def test_discretisation_errors_of_levels():
-    """They have order two, and do not depend on unit and offset of the functions."""
+    """A level's error falls with order 2, and is independent of units and offsets of functions."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
 
@@ -246,14 +245,14 @@ def test_discretisation_errors_of_levels():
 
     found = errors(f, g)
     assert 0.01 < found[0] < 0.2
-    assert 2.5 < found[0] / found[1] < 5  # a quarter of the vertices, the coarsest mesh uneven
+    assert 2.5 < found[0] / found[1] < 5  # four times the vertices; the coarsest mesh is uneven
     assert found[2] == 0
     assert_allclose(errors(7 * f + 3, 7 * g + 3), found, rtol=1e-9)
     assert errors(np.ones(len(f)), np.ones(len(f)))[0] < 1e-12
 
 
 def assert_equal_except_on_edges(found, expected):
-    """Compare fields; on edges, rounding decides which of two faces is used."""
+    """Compare fields, but not on edges, where rounding decides which of two faces is used."""
     errors = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
     assert np.mean(errors > 1e-7) < 0.35
     assert np.sqrt(np.mean(errors**2)) < 0.02
@@ -262,7 +261,7 @@ def assert_equal_except_on_edges(found, expected):
 @pytest.mark.parametrize("name", ["genus two", "hemisphere"])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e9])
 def test_transfers_are_invariant_to_motion_and_unit(name, scale):
-    """On meshes without symmetry, closest points are unique."""
+    """Rotated and scaled meshes without symmetry have the same transfers."""
     here, rotation = transfer(FINE[name]), Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
     fine, coarse = here.fine, here.coarse
     there = Transfer(
@@ -302,7 +301,7 @@ def test_transfers_are_bitwise_reproducible():
 
 
 def test_transfer_to_the_same_mesh():
-    """Functions do not change, and fields are smoothed."""
+    """A transfer to the same mesh preserves functions, but smooths fields."""
     mesh = icosphere(4)
     pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))
     f = bump(mesh, [0, 0, 1], 0.1)
@@ -314,7 +313,7 @@ def test_transfer_to_the_same_mesh():
 
 
 def test_uncovered_vertices_have_the_closest_value():
-    """The coarse mesh is finer than the fine one, so some vertices cover no fine vertex."""
+    """Coarse vertices that cover no fine vertex have the value of the closest point."""
     coarse, fine = icosphere(3), icosphere(1)
     pair = Transfer(coarse, fine)
     assert (pair.interpolation.T @ vertex_areas(fine) == 0).sum() > 500
@@ -324,7 +323,7 @@ def test_uncovered_vertices_have_the_closest_value():
 
 
 def test_fields_rotate_with_the_surface():
-    """Between cylinders whose normals differ by 12 degrees; lengths are preserved."""
+    """Between cylinders whose normals differ by 12 degrees, fields keep length and direction."""
     coarse, fine = open_cylinder(15, 4), open_cylinder(60, 16)
     pair = Transfer(coarse, fine)
     around = to_ambient(fine, pair.field_to_fine(rotation_field(coarse, [0, 0, 1])))

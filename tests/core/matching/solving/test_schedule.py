@@ -23,7 +23,7 @@ SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
 
 @given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
 def test_given_sigma_is_the_last_one(sigma, factor, functions):
-    """The others are multiples of it."""
+    """A given sigma is the last value; those before are multiples of it."""
     given = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = Schedule(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
@@ -38,7 +38,7 @@ def test_given_sigma_is_the_last_one(sigma, factor, functions):
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize(("functions", "power"), [(EXACT, 1), (MEASURED, 0.5)])
 def test_automatic_sigmas_begin_at_the_largest_one(functions, power, unit):
-    """They fall more slowly for measured functions."""
+    """Automatic sigmas fall by a factor of 3, and more slowly for measured functions."""
     schedule = Schedule(Parameters.of(sigma_unit=unit), functions, 1)
     sigmas = np.divide(schedule.sigmas, 1 if unit == "relative" else functions.function_size)
     assert (sigmas[0], schedule.is_measured) == (FIRST_SIGMA_MAX, functions is MEASURED)
@@ -48,7 +48,7 @@ def test_automatic_sigmas_begin_at_the_largest_one(functions, power, unit):
 
 @given(SIGMA, FACTOR, st.integers(1, 8), st.integers(0, 2000))
 def test_one_mesh_without_reach_has_schedule_of_the_paper(sigma, factor, count, iterations):
-    """Every sigma down to the given one is used, and each early stage has its share."""
+    """Every sigma down to the given one is used, and each stage has its share of iterations."""
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
     p = Parameters.of(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
@@ -89,16 +89,16 @@ def test_fixed_stages_use_all_their_iterations():
     ],
 )
 def test_second_variant(changes, functions, other):
-    """It has two fields or, for measured functions, a third of alpha."""
+    """The second variant has two fields or, for measured functions, a third of alpha."""
     p = Parameters.of(**changes)
     first = (p.alpha, 1)
     variants = [first, other] if other else [first]
     assert_allclose(Schedule(p, functions, 1).variants(1), variants)
-    assert Schedule(p, EXACT, 1).variants(2) == [(p.alpha, 2)]  # as in a start
+    assert Schedule(p, EXACT, 1).variants(2) == [(p.alpha, 2)]  # a start with two fields
 
 
 def test_reach_is_maximal_after_a_failed_variant():
-    """Only if sigma is automatic and the functions are exact."""
+    """The reach grows only if sigma is automatic and the functions are exact."""
     schedule = Schedule(Parameters.of(reach=0.5), EXACT, 1)
     assert [schedule.reach(residual) for residual in (0.6, 0.9, np.inf)] == [
         0.5,
@@ -125,7 +125,7 @@ def test_goal_and_iterations_of_stages(iterations, goal, meshes):
 
 
 def test_given_sigma_ends_coarse_levels_at_their_error():
-    """Only in the last stage of a level, and in no fixed or automatic schedule."""
+    """Only the last stage of a coarse level ends at its error, and only for a given sigma."""
     p = Parameters(sigma=0.1)
     schedule, variant = Schedule(p, EXACT, 2), Variant(p.alpha, 1)
     *early, last = schedule.sigmas
@@ -145,7 +145,7 @@ def test_given_sigma_ends_coarse_levels_at_their_error():
 
 
 def test_search_continues_while_the_residual_falls():
-    """Before the target is found, and in other stages, only the energy has to fall."""
+    """Until a search finds the target, its residual has to fall; in other stages, the energy."""
     stage = Stage(0, 1, 1.0, 1.0, 1.0, 100, 100, fixed=False, goal=0.0)
     search = replace(stage, is_search=True)
     falling = [0.9**k for k in range(40)]
@@ -164,7 +164,7 @@ def test_stage_continues_while_its_energy_falls():
     assert stage.is_worthwhile(falling)
     assert not stage.is_worthwhile([0.998**k for k in range(40)])
     assert not stage.is_worthwhile(constant)
-    assert stage.is_worthwhile(constant[:5])  # too few iterations
+    assert stage.is_worthwhile(constant[:5])  # few iterations never end a stage
     assert replace(stage, fixed=True).is_worthwhile(constant)
     assert not stage.is_worthwhile([math.inf] * 40)
 

@@ -58,8 +58,6 @@ class Places:
 
 
 class PlainNorm:
-    """The L2 norm of fields."""
-
     def __init__(self, mesh):
         self.areas = face_areas(mesh)[:, None]
 
@@ -158,7 +156,7 @@ def metric(mesh, reach, areas=None):
 
 @pytest.mark.parametrize("reach", REACHES)
 def test_smoothed_norm_is_symmetric_and_positive(mesh, reach):
-    """All eigenvalues are positive, so only an exact match has energy 0. It is scaled to L2."""
+    """All eigenvalues are positive and scaled to L2, so only an exact match has energy 0."""
     smoothed = metric(mesh, reach)
     matrix = np.stack([smoothed(row) for row in np.eye(len(mesh.vertices))])
     assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
@@ -174,7 +172,7 @@ def test_smoothed_norm_is_symmetric_and_positive(mesh, reach):
 
 
 def test_constants_have_the_energy_of_l2(mesh):
-    """As ``L 1 = 0``, ``(A + s L)^-1 A 1 = 1`` without a mask, for any reach."""
+    """Without a mask, a constant mismatch has its L2 energy for any reach, since ``L 1 = 0``."""
     flat, areas = np.ones(len(mesh.vertices)), vertex_areas(mesh)
     smoothed = SmoothedNorm(mesh, areas, 0.7, 3 * flat[None], ONE)
     assert_allclose(smoothed(flat), areas, rtol=1e-10)
@@ -190,7 +188,7 @@ def test_small_reach_converges_to_l2():
 
 
 def test_spherical_harmonics_are_damped_by_their_eigenvalues():
-    """The factor is ``1 / (1 + s l (l + 1))`` on the unit sphere."""
+    """On the unit sphere, the factor of degree l is ``1 / (1 + s l (l + 1))``."""
     reach, errors = 0.8, []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
@@ -239,7 +237,7 @@ def test_initial_energy_is_that_of_l2():
 
 @pytest.mark.parametrize("degrees", [60, 100, 140])
 def test_derivative_leads_to_a_disjoint_target(degrees):
-    """The bumps do not overlap; compare the relative slopes of the energy."""
+    """For disjoint bumps, the energy falls towards the target only with a reach."""
     mesh, angle, slopes = icosphere(4), np.deg2rad(degrees), {}
     f, g = (bump(mesh, [0, np.sin(a), np.cos(a)], 0.05) for a in (0, angle))
     E = MatchingEnergy(mesh, f, g)

@@ -84,7 +84,7 @@ def test_rotation_moves_landmarks_to_known_points():
 
 
 def test_gradient_without_motion_points_to_targets():
-    """The gradient of half the squared distance is minus the logarithm, at any distance."""
+    """The gradient of half the squared distance is minus the logarithm map, at any distance."""
     term = landmarks_of(UNIT, PAIRS, None)
     rest = np.zeros((1, len(UNIT.faces), 2))
     curvature = term.curvature(rest, 1.0, 1.0)
@@ -173,7 +173,7 @@ def test_invalid_landmarks_are_refused(given, weights, named):
 
 
 def test_vertex_numbers_refer_to_the_given_mesh():
-    """A pair of arrays also counts vertices without faces, whereas a mesh has rows."""
+    """A pair of arrays also counts vertices without faces; a mesh counts its own rows."""
     pair = np.vstack([[[9.0, 9, 9]], SPHERE.vertices]), SPHERE.faces + 1
     expected = abfm.Problem(SPHERE, None, None, landmarks=PAIRS).landmarks
     for mesh, given in ((pair, PAIRS + 1), (TriangleMesh(*pair), PAIRS)):
@@ -230,7 +230,7 @@ def test_files_store_functions_of_weight_zero(tmp_path):
 
 @pytest.mark.parametrize("iterations", [1, 3])
 def test_cancelled_match_in_controlled_thread_has_a_field(iterations):
-    """The thread itself is controlled, as in a process that is cancelled from outside."""
+    """A control of the thread, as in a process that is cancelled from outside, is also obeyed."""
     control = abfm.workers.Control()
 
     def cancel(now):

@@ -70,7 +70,7 @@ def test_distances_on_a_sphere_converge_to_arcs():
 
 
 def test_distances_are_continuous_with_exact_slopes():
-    """They are continuous across edges."""
+    """Squared distances are continuous across edges, and their slopes are exact inside faces."""
     mesh = SURFACES["genus two"].normalized()
     slots = mesh.edge_slots[~mesh.is_boundary_edge][:40]
     weights = np.zeros((2, len(slots), 3))

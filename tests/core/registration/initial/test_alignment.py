@@ -51,7 +51,7 @@ def test_moved_and_renumbered_copies_are_aligned_exactly(turn, scale, kind, seed
 
 
 def test_rigid_motions_have_scale_1():
-    """The RMS distance shows a difference in size."""
+    """A rigid motion never scales, so a difference in size remains in the RMS distance."""
     found = align(BODY, moved(BODY, [1, 2, 0.5]), "rigid")
     assert (found.scale, found.rms < 1e-9) == (1, True)
     found = align(icosphere(3), icosphere(3, radius=1.2), "rigid")
@@ -93,7 +93,7 @@ def test_landmarks_determine_the_rotation_of_a_sphere():
 
 
 def test_one_landmark_chooses_between_equal_rotations():
-    """Half a turn exchanges the two arms of the body."""
+    """A body with two arms is unchanged by half a turn; a landmark on one arm decides."""
     a = shapes.two_armed(2)
     tip = int(a.vertices[:, 0].argmax())
     other = int(a.vertices[:, 0].argmin())
@@ -123,9 +123,9 @@ def test_identity_is_preferred_for_a_sphere():
 
 
 def test_given_positions_are_preferred():
-    """A rotated pose has an only slightly smaller RMS distance."""
+    """Given positions are kept if a rotated pose has an only slightly smaller RMS distance."""
     found = align(*POSES)
-    assert Rotation.from_matrix(found.rotation).magnitude() < 0.6  # not half a turn
+    assert Rotation.from_matrix(found.rotation).magnitude() < 0.6  # without half a turn
     assert found.rms < np.sqrt(np.mean(two_way_distances(*POSES) ** 2))
 
 

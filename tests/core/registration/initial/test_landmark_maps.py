@@ -25,7 +25,7 @@ def moved(mesh, side=1):
 
 
 def test_moved_body_is_found_by_closest_points():
-    """Closest points lie inside faces, unlike images by eigenfunctions."""
+    """A moved body is mapped by closest points, which lie inside faces."""
     a = moved(BODY)
     b = coarsened(BODY, 130)
     nearest = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
@@ -54,7 +54,7 @@ def test_poses_are_found_by_eigenfunctions():
 
 @pytest.mark.parametrize("mesh", [BODY, icosphere(1)])
 def test_mirror_images(mesh):
-    """One mesh has too few vertices for eigenfunctions."""
+    """Landmarks lead to mirror images, also if a mesh has too few vertices for eigenfunctions."""
     b, vertices = moved(mesh, -1), [0, 5, 17, 30]
     given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, vertices, vertices))
     points = initial_map("landmarks:mirror", given).correspondence.points

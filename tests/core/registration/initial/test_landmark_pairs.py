@@ -54,7 +54,7 @@ def test_named_columns_of_names_and_weights(read):
 
 
 def test_first_vertex_number(read):
-    """It is 1 in .vts files; unused vertices of the mesh file count."""
+    """Vertices count from 1 in .vts files, and include unused vertices of the mesh file."""
     assert_allclose(read("1 162\n", "pairs.vts").b.positions, B.vertices[[161]], atol=1e-12)
     loose = with_loose_vertex(A)
     assert_allclose(read("6,6\n", a=loose).a.positions, A.vertices[[5]], atol=1e-12)
@@ -85,7 +85,7 @@ def line(x, y):
 
 
 def test_curves_are_divided_by_arc_length(read):
-    """The lines on squares have uneven points, and more of them on A than on B."""
+    """Lines with uneven and different numbers of points on A and B correspond by arc length."""
     flat, rows = square(8), []
     for x, y in ((0.1, 0.2), (0.4, 0.4), (0.15, None), (0.9, 0.8), (0.95, None)):
         rows.append(f"{line(x, 0.5)},{line(0.3, y) if y is not None else ',,'},rim")

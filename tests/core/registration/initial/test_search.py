@@ -61,7 +61,7 @@ def test_mirror_image_has_the_same_cost():
     image = mirrored(COARSE.mesh)
     shape = coarse_shape(image, 300)
     found = cost_of(shape, COARSE, identity)
-    # rays of the shape diameter are not symmetric
+    # rays of the shape diameter are not symmetric on the mesh
     assert_allclose(found[:4], (2, 0, 0, -1), atol=0.1)
 
 
@@ -90,7 +90,7 @@ def test_relaxation_reduces_the_energy():
 
 
 def test_distances_on_a_sphere():
-    """Graph distances with unfolded faces are 2% too long on average and hardly ever too short."""
+    """Graph distances over unfolded faces are 2% too long on average, and hardly ever too short."""
     ball = coarse_shape(icosphere(3), 1000)
     directions = ball.mesh.vertices * np.sqrt(4 * np.pi)
     true = np.arccos(np.clip(directions @ directions.T, -1, 1)) / np.sqrt(4 * np.pi)
@@ -125,7 +125,7 @@ def test_extremities_are_ends_of_limbs():
 
 
 def test_brackets_distinguish_mirror_images():
-    """Only one of the maps by the same distances preserves the orientation."""
+    """Of two maps by the same distances, the bracket finds the one with the requested side."""
     ends = extremities.extremities(COARSE)
     for side in (1, -1):
         to_a = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
@@ -147,7 +147,7 @@ def test_body_of_other_proportions(method):
 
 
 def test_incompatible_functions_have_little_influence():
-    """They have different distributions and are noise."""
+    """Noise of different distributions on A and B hardly changes the map."""
     b, truth = other_body()
     rng = np.random.default_rng(1)
     f = rng.normal(size=(6, len(BODY.vertices))) ** 3
@@ -165,7 +165,7 @@ def test_mirror_image_is_found_on_request():
 
 
 def test_spheres_with_equal_faces_may_be_rotated():
-    """Functions decide about the rotation, although the faces are the same."""
+    """Functions decide about a rotation, although the faces are the same."""
     ball = icosphere(3)
     weights = np.random.default_rng(3).normal(size=(3, 3))
     f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
@@ -178,7 +178,7 @@ def test_spheres_with_equal_faces_may_be_rotated():
 
 
 def test_no_search_if_vertex_numbers_are_good(monkeypatch):
-    """Rotations have an additional cost, so they could not be better."""
+    """A map by vertex numbers ends the search, because rotations have an additional cost."""
     ball = icosphere(3)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
@@ -244,4 +244,4 @@ def test_fine_meshes_need_no_distance_matrix():
     found.polished(best)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < len(a.vertices) * len(b.vertices)  # bytes; distances are 4 or 8 each
+    assert peak < len(a.vertices) * len(b.vertices)  # bytes; a matrix has at least 4 an entry

@@ -50,7 +50,6 @@ class Fit(NamedTuple):
 
 
 def start(a, b, mirrored=False, **known):
-    """Return the point map of the best map, and its measures."""
     search, side = SpectralSearch(a, b, **known), -1 if mirrored else 1
     points_a, points_b = (mesh.vertices / mesh.length_scale for mesh in (a, b))
 
@@ -134,7 +133,7 @@ def test_symmetric_bodies_have_two_equal_maps():
 
 def test_search_finds_compositions_with_symmetries():
     spectra = Spectra.of(TURNED, TURNED, 30, 300)
-    found = candidates(spectra, [], 4)  # two more nearly reverse the orientation
+    found = candidates(spectra, [], 4)  # and two that nearly reverse the orientation
     for truth in (np.arange(len(TURNED.vertices)), HALF_TURN):
         expected = functional_map(PointMap.of_vertices(TURNED, TURNED, truth), 24)
         assert min(np.linalg.norm(C - expected) for C in found) < 0.15 * np.linalg.norm(expected)
@@ -145,7 +144,7 @@ def test_defect_and_side_of_isometries_and_other_maps():
     truth = functional_map(PointMap.of_vertices(moved(BODY, side=-1), BODY), 30)
     assert spectra.defect(truth) < 1e-6
     assert spectra.side(truth) == pytest.approx(-1, abs=1e-6)
-    # the bracket of two functions is quadratic
+    # the bracket is quadratic in the map
     assert spectra.side(-truth) == pytest.approx(1, abs=1e-6)
     same = Spectra.of(BODY, BODY, 30, 300)
     assert same.side(np.eye(30)) == pytest.approx(1, abs=1e-6)
