@@ -17,10 +17,10 @@ from abfm.types import FloatArray
 
 TURN = 2 * math.pi
 _PERIODS = {TURN: "2 pi", 360.0: "360"}
-_RANGE_MIN = 0.95  # range of a phase as a fraction of its period
-_JUMP_MIN = 0.9  # difference at a jump as a fraction of the range
-_DIFFERENCE_MIN = 0.3  # smallest counted difference as a fraction of the range
-_MIDDLE_MIN = 0.1  # fraction of vertices with values in the middle half; a step has fewer
+_RANGE_MIN = 0.95  # least range of a phase, as a fraction of its period
+_JUMP_MIN = 0.9  # least difference at a jump, as a fraction of the range
+_DIFFERENCE_MIN = 0.3  # least difference that counts, as a fraction of the range
+_MIDDLE_MIN = 0.1  # a step has fewer vertices with values in the middle half of its range
 _JUMPS_MIN = 3
 
 
@@ -71,7 +71,7 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 
 
 def checked_period(circular: Any) -> float | None:
-    """Return the period of an argument ``circular``: 2 pi for True, None for False."""
+    """Return the period that an argument ``circular`` means: 2 pi for True, None for False."""
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None
     try:
@@ -125,7 +125,7 @@ def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
 
 
 def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> None:
-    """Warn once for a mesh if values (V,) jump by another period than ``period``."""
+    """Warn, once for a mesh, if values (V,) jump by another period than ``period``."""
     found = wrapped_period(mesh, values)
     if found is None or math.isclose(found, period, rel_tol=1e-3):
         return

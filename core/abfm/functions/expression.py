@@ -43,7 +43,7 @@ _UNARY = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("exp", "log", "sqrt", "abs", "sign", "floor", "ceil"),
 )
-# with the number of arguments, as a further one would be the parameter ``out`` of NumPy
+# by name; the number of arguments is checked because a further one would be NumPy's ``out``
 _FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     **{name: (1, getattr(np, name)) for name in _UNARY},
     "arctan2": (2, np.arctan2),
@@ -141,7 +141,7 @@ def _parsed(formula: str) -> ast.expr:
 
 
 def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
-    """Evaluate a node; everything except arithmetic raises a ValueError."""
+    """Return the value of a syntax node; anything except arithmetic raises a ValueError."""
     match node:
         case ast.Constant(bool() | complex() | str() | bytes() | None as other):
             raise ValueError(f"{brief(other)} is not a real number")

@@ -26,7 +26,7 @@ class Spec(ABC):
 class ValueKind:
     """Type of the values of a parameter."""
 
-    name: str  # in messages
+    name: str  # name of the type in messages
     read: Callable[[str], Any] = field(repr=False)  # converts text; ValueError for invalid text
     choices: tuple[str, ...] = ()  # all values, if there are only a few
     integers: bool = False  # whether the values are integers
@@ -34,7 +34,7 @@ class ValueKind:
 
 
 class Slider(NamedTuple):
-    """Range of the slider of a parameter; values beyond it can be typed."""
+    """Range of the slider of a parameter; users can type values beyond it."""
 
     low: float
     high: float
@@ -114,7 +114,10 @@ class Family(Spec):
         return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
 
     def shape(self) -> str:
-        """Return the name of the first form that has all parameters that are set, or empty."""
+        """Return the name of the first form that has all parameters that are set.
+
+        Empty if there is none.
+        """
         changed = self._changed().keys()
         fitting = (name for name, shape in self.shapes.items() if changed <= set(shape.parameters))
         return next(fitting, "")
@@ -185,7 +188,6 @@ def file_name(*suffixes: str) -> ValueKind:
 
 
 def choice(*names: str) -> ValueKind:
-    """Return the type of values that are one of a few names."""
     listed = " or ".join([", ".join(names[:-1]), names[-1]])
     return ValueKind(listed, _checked(str, names.__contains__), names)
 

@@ -185,7 +185,7 @@ def _local_vertices(
 ) -> IntArray:
     """Convert vertex numbers of the mesh file to rows of the mesh, in the same shape.
 
-    ``owners`` are the vertices of the rows of the file, for messages.
+    Messages name ``owners``, the vertices of the rows of the file.
     """
     count = mesh.file_vertex_count
     readings = [mesh.local_vertices(numbers - first) for first in (0, 1)]

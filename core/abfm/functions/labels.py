@@ -54,7 +54,7 @@ def read_label_columns(
     column: str | None = None,
     hemisphere: str = "",
 ) -> Columns:
-    """Read all columns of labels from a file; see `read_labels`."""
+    """Read all columns of labels from a file, see `read_labels`."""
     with file_errors(path):
         opened = open_file(path)
         found = columns_of(opened, request_for(mesh, column, hemisphere))

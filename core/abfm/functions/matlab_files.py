@@ -1,7 +1,7 @@
 """Reader of numeric arrays of MATLAB files of versions 5 to 7.2.
 
 Format: https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf. The reader of SciPy is not
-used: it crashes on damaged files, and allocates memory before it checks sizes.
+used, because it crashes on damaged files and allocates memory before it checks sizes.
 """
 
 import math

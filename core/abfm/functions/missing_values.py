@@ -18,21 +18,13 @@ from abfm.types import BoolArray, FloatArray
 def known_functions(
     mesh: TriangleMesh, functions: Any, name: str, mask: FloatArray | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Return functions (C, V) with zeros for missing values, and where all are known, (V,).
+    """Return functions (C, V) with zeros for missing values, and where all values are known, (V,).
 
-    Parameters
-    ----------
-    functions : (V,) or (V, C) array, str or sequence of str
-        Values, or functions as texts; values that are not finite are missing.
-    name : str
-        Name of the functions in messages.
-    mask : (V,) array, optional
-        Values where the mask is 0 are also missing.
-
-    Raises
-    ------
-    FunctionError
-        If the shape does not fit, or no vertex has values in all channels.
+    ``functions`` are values (V,) or (V, C) or texts; values that are not finite, or where ``mask``
+    (V,)
+    is 0, are missing. Messages use ``name``. FunctionError if the shape does not fit, or if no
+    vertex
+    has values in all channels.
     """
     if texts := texts_of(functions):
         values = np.stack([function(mesh, text, allow_missing=True) for text in texts])
@@ -53,7 +45,7 @@ def known_functions(
 
 
 def filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Fill in missing values of functions (C, V) from those around, where ``known`` (V,) is False.
+    """Fill in missing values of functions (C, V) from those around; ``known`` (V,) is False there.
 
     The functions are returned unchanged if no vertex has values.
     """

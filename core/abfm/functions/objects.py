@@ -26,7 +26,10 @@ _CHOOSE = 'Choose a hemisphere: abfm.load_mesh(..., hemisphere="L") or "R"'
 
 
 class ObjectValues(NamedTuple):
-    """Columns of an image or a source estimate, and whether the rows are sources."""
+    """Columns of an image or a source estimate.
+
+    ``are_sources`` is True if the rows are sources instead of vertices.
+    """
 
     columns: Columns
     are_sources: bool = False

@@ -27,7 +27,6 @@ _AXIS = choice("x", "y", "z")
 
 
 def _along(mesh: TriangleMesh, axis: str | None) -> FloatArray:
-    """Return the coordinate x, y or z of each vertex, (V,)."""
     assert axis is not None
     return mesh.vertices[:, "xyz".index(axis)]
 
@@ -106,7 +105,7 @@ class Geodesic(AroundPoints):
 class Gaussian(AroundPoints):
     """Gaussian bump ``height exp(-d^2 / (2 width^2))`` of the distance d to a vertex.
 
-    d is a distance divided by the square root of the surface area, so that a width has the same
+    The distance is divided by the square root of the surface area, so that a width has the same
     meaning on every mesh. It is geodesic (:func:`~abfm.calculus.geodesic_distance`) or Euclidean.
     """
 
@@ -129,7 +128,7 @@ class Gaussian(AroundPoints):
 
 
 def _extent(function: Indicator, mesh: TriangleMesh) -> Slider | None:
-    """Return the range of the coordinate, or None if it is empty."""
+    """Return the range of the coordinate for a slider; None if the range is empty."""
     height = _along(mesh, function.axis)
     ends = Slider(float(height.min()), float(height.max()))
     return ends if ends.low < ends.high else None

@@ -10,7 +10,7 @@ from abfm.reading import Columns
 from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import stepped
 
-_FSAVERAGE = 163_842  # vertices; the first ones are those of the coarser versions
+_FSAVERAGE = 163_842  # vertices; the first ones are the vertices of coarser versions
 _COARSER_COPIES = {
     642: "fsaverage3",
     2562: "fsaverage4",
@@ -48,9 +48,10 @@ def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArra
 
 
 def _interpolated(mesh: TriangleMesh, values: FloatArray, rows: IntArray) -> FloatArray:
-    """Interpolate rows of values (T, n) to frames (T, V), where ``rows`` (V,) is -1.
+    """Interpolate values (T, n) at sources to all vertices, (T, V).
 
-    The interpolation minimises the square of the Laplacian, like a thin plate.
+    ``rows`` (V,) is the row of each vertex, or -1 for vertices to interpolate. The interpolation
+    minimises the square of the Laplacian, like a thin plate.
     """
     known = rows >= 0
     frames = np.zeros((len(values), len(rows)))

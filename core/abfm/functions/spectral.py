@@ -112,6 +112,6 @@ class WaveKernelSignature(Family):
         # all energies may be equal
         width = self.width or max(0.07 * (energies[-1] - energies[0]), 1e-3)
         exponents = -0.5 * ((self.energy - energies) / width) ** 2
-        # scaled so that the largest is 1, which avoids 0/0 for energies far from all eigenvalues
+        # scaled so that the largest weight is 1; energies far from all eigenvalues would give 0/0
         weights = np.exp(exponents - exponents.max())
         return np.asarray(functions[:, 1:] ** 2 @ (weights / weights.sum()))

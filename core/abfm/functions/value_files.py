@@ -71,7 +71,7 @@ _NO_VALUES = {
 
 
 class Request(NamedTuple):
-    """Selection of values in a file that may have more than these."""
+    """Selection of values in a file that may have other values as well."""
 
     counts: tuple[int, ...] = ()
     """Numbers of vertices of the mesh and of its file."""
@@ -87,7 +87,7 @@ class Request(NamedTuple):
 
 @contextmanager
 def file_errors(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
-    """Convert all errors inside the context to a FunctionError with the name of the file."""
+    """Convert all errors inside the context to a FunctionError that names the file."""
     name = f"{what} {brief(os.fspath(path))}"
     try:
         yield
@@ -104,7 +104,6 @@ def file_errors(path: str | os.PathLike[str], what: str = "file") -> Iterator[No
 def request_for(
     mesh: TriangleMesh | None, array: str | None = None, hemisphere: str = ""
 ) -> Request:
-    """Return the request for values of a mesh."""
     if mesh is None:
         return Request(array=array, hemisphere=hemisphere)
     return Request(counts_of(mesh), array, hemisphere, mesh=mesh)
@@ -172,10 +171,11 @@ def read_column(
 
 
 def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatArray:
-    """Read a table (n, C) with the images of the vertices of a mesh, in the rows of the file.
+    """Read a table (n, C) with the images of the vertices of a mesh; row i is row i of the file.
 
-    Named columns are not used as vertex numbers of the rows. Node indices of GIFTI are, and also a
-    first column without a name, as written by pandas.
+    Named columns do not number the rows. Node indices of GIFTI do, and also a first column without
+    a
+    name, as written by pandas.
     """
     with file_errors(path, "map"):
         counts = counts_of(domain)
@@ -188,7 +188,10 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 
 
 def columns_of(opened: Opened, request: Request) -> Columns:
-    """Return the columns of a file, in the rows of the file; raise a ValueError if invalid."""
+    """Return the columns of a file, in the rows of the file.
+
+    Raise a ValueError if it is invalid.
+    """
     reader = READERS.get(opened.format)
     if reader is None:
         if opened.format is Format.UNKNOWN:
@@ -218,7 +221,7 @@ def _text(opened: Opened, request: Request) -> Columns:
 
 
 def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
-    """Return column names 0, 1, 2, ... as written by pandas, if present, and the rows below."""
+    """Return the column names 0, 1, 2, ... that pandas writes, if any, and the rows below them."""
     count, width = table.shape
     is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
     if is_clear and width > 1 and np.array_equal(table[0], np.arange(width)):
@@ -227,7 +230,7 @@ def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], Fl
 
 
 def _refuse_unsorted_vertices(table: FloatArray) -> None:
-    """Raise a ValueError if an unnamed first column has each vertex number once."""
+    """Raise a ValueError if an unnamed first column contains each vertex number once."""
     first, count = table[:, 0], len(table)
     if table.shape[1] > 1 and (np.diff(first) != 1).any():
         for begin in (0, 1):
@@ -240,7 +243,7 @@ def _refuse_unsorted_vertices(table: FloatArray) -> None:
 
 
 def _gifti(opened: Opened, request: Request) -> Columns:
-    """Return the arrays as columns, without those of a mesh; node indices number the rows."""
+    """Return the arrays as columns, without the arrays of a mesh; node indices number the rows."""
     gifti = read_gifti(opened)
     is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
     others = (*SURFACE, NODE_INDEX, *(["NIFTI_INTENT_VECTOR"] if is_mesh else []))  # normals
@@ -342,8 +345,9 @@ def image_columns(
     """Return the frames of an image (columns, rows, slices, frames) with values at vertices.
 
     The voxels of a frame are the vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with
-    the product V. Or there are only two axes, of vertices and of columns. A volume raises a
-    ValueError.
+    the product V. An image may also have only two axes, of vertices and of columns. ValueError for
+    an
+    image of a volume.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:
@@ -401,7 +405,7 @@ def _npz(opened: Opened, request: Request) -> Columns:
 
 
 def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
-    """Return one array of a file; another array named vertex, node or index numbers its rows."""
+    """Return one array of a file. Another array named vertex, node or index numbers its rows."""
     places = [each for each in arrays if names_vertices(each)]
     if len(places) != 1 or len(arrays) == 1 or request.array == places[0]:
         return one_array(arrays, request)
@@ -472,7 +476,7 @@ def _array_name(
 def _may_be_values(arrays: Mapping[str, NDArray[Any]], name: str, counts: tuple[int, ...]) -> bool:
     try:
         values = arrays[name]
-    except Exception:  # damaged, or an array of objects
+    except Exception:  # the array is damaged, or contains objects
         return False
     if values.ndim not in (1, 2, 3) or values.dtype.kind not in "biuf":
         return False

@@ -25,7 +25,7 @@ if sys.platform != "win32":
     import fcntl
 
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
-_SUFFIX_LENGTH_MAX = 20  # no format has a longer one, and systems limit the length of names
+_SUFFIX_LENGTH_MAX = 20  # no format has a longer suffix, and systems limit the length of names
 _ABANDONED_AGE = 86400.0  # seconds; used on Windows, which cannot lock files to be renamed
 _in_use: set[Path] = set()
 
@@ -195,7 +195,10 @@ def _locked(path: Path, flags: int = 0) -> int:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or folder if possible; errors are ignored so as not to hide earlier ones."""
+    """Remove a file or folder if possible.
+
+    Errors are ignored so that they do not hide earlier ones.
+    """
     try:
         path.unlink()
     except OSError:

@@ -325,7 +325,7 @@ def _table(labels: Labels) -> IntArray:
 
 
 def _keys(labels: Labels) -> IntArray:
-    """Return the keys of vertices, (n,), or raise a ResultError if labels cannot be written."""
+    """Return the keys of vertices, (n,); raise a ResultError if the labels cannot be written."""
     if not isinstance(labels, Labels):
         raise ResultError(
             f"labels are {brief(labels)}; expected Labels, as returned by read_labels"

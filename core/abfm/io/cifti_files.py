@@ -32,19 +32,11 @@ def write_cifti_values(
 ) -> None:
     """Write values (n, C); columns are maps of .dscalar.nii or frames of .dtseries.nii.
 
-    Parameters
-    ----------
-    names : sequence of C str
-        Names of the maps. Frames of a series have no names.
-    structure : str or None
-        "CortexLeft" or "CortexRight".
-    times : (C,) array, optional
-        Times of the frames of a series in seconds, evenly spaced; by default 0, 1, 2, ...
-
-    Raises
-    ------
-    ResultError
-        If the hemisphere is unknown, no vertex has a value, or the file cannot be written.
+    ``names`` are the C names of maps; frames have no names. ``structure`` is "CortexLeft" or
+    "CortexRight". ``times`` (C,) are the times of frames in seconds, evenly spaced, by default 0,
+    1,
+    2, ... ResultError if the hemisphere is unknown, no vertex has a value, or the file cannot be
+    written.
     """
     is_series = os.fspath(path).lower().endswith(".dtseries.nii")
     count = values.shape[1]

@@ -1,6 +1,6 @@
 """Result files: ``.npz`` files of plain arrays without pickles.
 
-The functions for arrays in a zip are also used by projects. All arrays are checked when they are
+Projects also use the functions for arrays in a zip. All arrays are checked when they are
 written, and each one when it is read.
 """
 
@@ -29,7 +29,7 @@ REMEDY = "Match again and save, or use another copy of the file"
 SIZE_MAX = 1e154
 """Largest value of functions, and of fields in units of ``length_scale``; larger squares overflow.
 """
-# unused vertices of the mesh file; vertex maps of the file have a line for each vertex
+# largest number of unused vertices of the mesh file; vertex maps have a line for each of them
 _DROPPED_VERTICES_MAX = 10_000_000
 _REASON_LENGTH_MAX = 400  # characters
 _TEXT_LENGTH_MAX = 10_000  # characters
@@ -50,7 +50,7 @@ Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
 
 
 class Entry(NamedTuple):
-    """Description of an array of a file; a word in its shape is a size shared by several arrays."""
+    """Description of an array of a file. A word in its shape is a size shared by several arrays."""
 
     kind: str
     shape: tuple[str | int, ...]
@@ -62,9 +62,9 @@ class Entry(NamedTuple):
     is_mapped: bool = False  # whether it is memory-mapped, as it may be larger than the memory
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
-        """Return an array in the type of the entry, or raise a ValueError if it does not fit.
+        """Return an array in the type of the entry; raise a ValueError if it does not fit.
 
-        ``sizes`` are the shared sizes of earlier arrays; those of this array are added.
+        ``sizes`` has the shared sizes of earlier arrays; those of this array are added.
         """
         kinds, dtype = _KINDS[self.kind]
         if array.dtype.kind not in kinds:
@@ -128,7 +128,7 @@ SPEC_ENTRIES = {
     name: Entry("text", ("C",), required=False) for name in ("source_specs", "target_specs")
 }
 LANDMARK_ENTRIES = {
-    # of each landmark and of its target
+    # the face of each landmark and of its target
     "landmark_faces": Entry("integer", ("L", 2), required=False, low=0),
     "landmark_barycentric": Entry("real", ("L", 2, 3), required=False),
     "landmark_weights": Entry("real", ("L",), required=False, low=0),
@@ -145,7 +145,7 @@ _MATCH = {
     "stop_reason": Entry("text", ()),
     "verified_residual": Entry("real", (), required=False, low=0),
     "folded": Entry("real", (), required=False, low=0, high=1),
-    "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
+    "landmark_errors": Entry("real", ("L",), required=False, low=0),  # in sqrt(area)
     "verdict": Entry("text", (4,)),  # outcome, cause, reason, advice
     "remedies": Entry("text", (), required=False),
     # bound of |log2 J| and |log2 R|, share of faces within it, 99th percentile, folded faces
@@ -253,12 +253,10 @@ def open_archive(path: File, what: str, remedy: str) -> Iterator[Archive]:
 def _opened(
     path: File, of_path: Callable[[Path], AbstractContextManager[Any]]
 ) -> AbstractContextManager[Any]:
-    """Return a context manager for a file that is open, or for a path."""
     return of_path(path) if isinstance(path, str | os.PathLike) else nullcontext(path)
 
 
 def name_of(path: File) -> str:
-    """Return the name of a file for messages."""
     name = path if isinstance(path, str | os.PathLike) else getattr(path, "name", "the result")
     return one_line(name)
 
@@ -299,7 +297,10 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the entries, with a prefix, in their types, or raise a ValueError."""
+    """Return the arrays of the entries, with a prefix, in their types.
+
+    ValueError if one is wrong.
+    """
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
         place for name, place in places.items() if entries[name].required and place not in arrays
@@ -343,7 +344,6 @@ def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
 
 
 def all_arrays(parts: Parts) -> dict[str, Any]:
-    """Return the arrays of all parts."""
     return {name: array for make in parts.values() for name, array in make().items()}
 
 
@@ -387,12 +387,9 @@ class Saved(Protocol):
 def save_with_fallback(path: Path, found: Saved) -> str:
     """Save a result, or those parts of it that can be saved.
 
-    Return a line with the missing parts and the reasons; empty if nothing is missing.
-
-    Raises
-    ------
-    Exception
-        The error of the ``save`` of the result, if the required parts cannot be saved either.
+    Return a line with the missing parts and the reasons; empty if nothing is missing. If the
+    required
+    parts cannot be saved either, the error of the method ``save`` is raised.
     """
     try:
         found.save(path)
@@ -428,10 +425,7 @@ def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
 def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Loaded]) -> Loaded:
     """Load the arrays of a kind of file, and convert them by a function.
 
-    Raises
-    ------
-    ResultError
-        As in `load_arrays`, or if the arrays do not fit together.
+    ResultError as in `load_arrays`, or if the arrays do not fit together.
     """
     arrays = load_arrays(path, kind)
     try:
@@ -452,7 +446,6 @@ def _checked(arrays: Mapping[str, Any], kind: FileKind) -> dict[str, NDArray[Any
 
 
 def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
-    """Return the arrays of a mesh for a file."""
     arrays = {name: getattr(mesh, name) for name in MESH_ENTRIES}
     if not len(mesh.copies):
         del arrays["copies"]

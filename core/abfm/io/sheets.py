@@ -1,4 +1,4 @@
-"""Figures as data: the pictures and plots of a figure, without drawing."""
+"""Figures as data: the pictures and plots of a figure before they are drawn."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -28,7 +28,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates (V, 2); one unit is the width of two squares."""
+    """Checkerboard by texture coordinates (V, 2), in which one unit spans two squares."""
 
     coordinates: FloatArray
 
@@ -83,8 +83,6 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows of panels and plots."""
-
     rows: tuple[tuple[Panel | Plot, ...], ...]
     up: Up | None = None
     # functions (V,) on the first mesh that the camera must show; by default those of the source and

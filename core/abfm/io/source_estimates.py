@@ -13,7 +13,7 @@ from abfm.reading import read_bytes, read_stc
 from abfm.types import IntArray
 
 _HEMISPHERES = ("-lh.stc", "-rh.stc")
-_TIME_ROUNDING = 1e-3  # as a fraction of the time between samples
+_TIME_ROUNDING = 1e-3  # largest error of a time, as a fraction of the time between samples
 
 
 def check_stc_name(path: str | os.PathLike[str]) -> None:

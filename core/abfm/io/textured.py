@@ -26,7 +26,7 @@ TEXTURED_ENDINGS = (".obj", ".glb")
 _HEADER = b"glTF\x02\0\0\0"
 _JSON = b"JSON"
 _BINARY = b"BIN\0"
-# of samplers
+# numbers of glTF: the linear filter and the wrapping of samplers, and types of components
 _FILTER = 9729
 _WRAP = 33071
 _FLOAT_COMPONENT = 5126

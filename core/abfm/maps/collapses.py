@@ -15,8 +15,8 @@ from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-_ROUND_SHARE_MAX = 0.25  # of the vertices that one round removes
-_DEGREE_MAX = 7  # neighbours; more of them increase the cost of a collapse
+_ROUND_SHARE_MAX = 0.25  # largest share of the vertices that one round removes
+_DEGREE_MAX = 7  # more neighbours increase the cost of a collapse
 
 
 class Surface(NamedTuple):
@@ -36,7 +36,7 @@ class Collapses(NamedTuple):
 
 
 def collapse(points: FloatArray, surface: Surface) -> Collapses:
-    """Collapse a closed surface (V, 3) of genus 0 to four vertices.
+    """Collapse a closed surface of genus 0 with vertices (V, 3) to four vertices.
 
     ``surface`` is overwritten. Each round removes the cheapest vertices, no two of which are
     neighbours.
@@ -55,7 +55,7 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     """Insert the vertex that was removed last, at the slot opposite its edge.
 
-    Returns the number of its corners, which are written to ``star``.
+    Return the number of its corners, which are written to ``star``.
     """
     faces, twins, corner_of = surface
     for side in (slot, twins[slot]):
@@ -136,7 +136,7 @@ def _collapse_round(
 ) -> int:
     """Remove the cheapest of the active vertices, no two of them neighbours.
 
-    ``done`` vertices were removed before; returns their number after the round.
+    ``done`` is the number of vertices that were removed before. Return the number after the round.
     """
     faces, twins, corner_of = surface
     count = corner_of.size

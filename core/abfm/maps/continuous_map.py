@@ -36,7 +36,7 @@ from abfm.workers.progress import step
 
 _ROTATED_VERTICES = 100  # number of vertices at which the sphere is rotated to fit the map
 _LENGTH_MIN = 1e-12  # shorter vectors have no direction
-# reweighted least squares for this rotation
+# reweighted least squares for the rotation of the sphere
 _ROTATION_ITERATIONS = 20
 _SQUARED_DISTANCE_SOFTENING = 0.1
 # moves of B's vertices on the sphere
@@ -44,13 +44,13 @@ _AVERAGING_ROUNDS = (16, 8, 4, 2, 1)  # averagings over neighbours, in consecuti
 _MOVE_LENGTH_MAX = 0.5
 _PULLS_RANGE = (2, 10)  # moves in each pass; more with few vertices
 _PULLED_VERTICES = 10_000  # vertices moved in each pass, which determines the number of moves
-_SWEEPS = 6  # that reduce the distortion after each move
+_SWEEPS = 6  # sweeps that reduce the distortion after each move
 # moves of B's vertices on A, in sqrt(area)
 _AVERAGING_ROUNDS_ON_A = (8, 4, 2, 1)
 _MOVE_LENGTH_MAX_ON_A = 0.1
 _PULLS_ON_A = 3
 _SWEEPS_ON_A = 4
-_SMOOTHING_LENGTH = 0.02  # sqrt(area), for the given map before B is pulled toward it
+_SMOOTHING_LENGTH = 0.02  # sqrt(area); smooths the given map before B is pulled toward it
 # distances in sqrt(area) from the given map that cost as much as distortion
 _LOOSE_DISTANCE = 0.05
 _TIGHT_DISTANCE = 0.02
@@ -60,7 +60,8 @@ _FINAL_SWEEPS = 10
 def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     """Lay out both surfaces of a map on one sphere, such that equal directions correspond.
 
-    Returns unit vectors of the codomain's vertices (V_A, 3) and of the domain's vertices (V_B, 3).
+    Return the unit vectors of the codomain's vertices (V_A, 3) and of the domain's vertices (V_B,
+    3).
 
     On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a
     homeomorphism with little distortion. It is close to the given map in space where that is
@@ -91,7 +92,7 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_loop_means(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Append the mean over each boundary loop, for the vertex that closes it."""
+    """Append the mean over each boundary loop, as the value of the vertex that closes the loop."""
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )

@@ -19,13 +19,13 @@ BOUNDED_SHARE = 0.99
 """Share of the faces that must satisfy a bound; a few, as at the ends of creases, may exceed it."""
 CUT_FACES_MAX = 2048  # default number of faces that are subdivided
 _PARTS = 8  # along each side of a subdivided face
-# A face is folded if more than this share of its parts is flipped. Of slivers along a bent surface
-# about half of the parts seem flipped, in 36 of 38 maps of flows never more than this share. Of
-# folded faces nearly all parts are flipped.
+# A face is folded if more than this share of its parts is flipped. In slivers along a bent surface,
+# about half of the parts seem flipped. In 36 of 38 maps of flows, it was not more than this share.
+# In folded faces, nearly all parts are flipped.
 _FLIPPED_SHARE_MIN = 0.75
-_INWARD_SHARE = 1e-6  # of the distance to the centroid, so that no point lies on two faces
-_AREA_ROUNDING = 1e-12  # of the area before: a smaller part has collapsed and is not flipped
-_COLLAPSED_AREA_MAX = 1e-9  # of a face's area: smaller areas are rounding errors
+_INWARD_SHARE = 1e-6  # points move toward the centroid by this share, so none lies on two faces
+_AREA_ROUNDING = 1e-12  # a part that keeps a smaller share of its area collapsed, not flipped
+_COLLAPSED_AREA_MAX = 1e-9  # a smaller share of a face's area is a rounding error
 _CHUNK = 4096  # faces subdivided at a time, with 184,320 points
 _STRETCH_MIN = 1e-6  # smaller stretches are clipped before taking logarithms
 # A face is measured in parts if its stretch exceeds the first number and the surface is bent below
@@ -39,7 +39,7 @@ class Log2Statistics(NamedTuple):
     """Statistics over a surface of the absolute value of a base-2 logarithm, weighted by area."""
 
     mean: float
-    p95: float  # percentiles
+    p95: float  # 95th percentile
     p98: float
     maximum: float
 
@@ -54,7 +54,7 @@ class Bound(NamedTuple):
     """A bound of ``|log2 J|`` and ``|log2 R|``, and how well a map satisfies it."""
 
     max_distortion: float
-    share: float  # of the faces, 0 to 1, that satisfy the bound
+    share: float  # share of the faces, 0 to 1, that satisfy the bound
     largest: float  # smallest bound that 99% of the faces satisfy
     folded: int  # number of folded faces
 
@@ -178,13 +178,14 @@ def log2_changes(
 def distortion_of_flow(
     mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, interior_map: SurfaceMap
 ) -> Distortion:
-    """Measure the distortion of faces (S,) by a map that also is known inside faces.
+    """Measure the distortion of faces (S,) by a map that is also known inside faces.
 
     ``corners`` (3 S,) are the images of the faces' corners. The triangle between them is a bad
     approximation in two cases. It seems flipped, as smooth flows make slivers of faces, or it is
-    stretched along a bent surface. These faces are divided into 64 parts, which are mapped
-    separately. Their stretches are the geometric means over the parts, and `folded_shares` defines
-    whether they are flipped. Other faces are measured as in `chord_distortion`.
+    stretched along a bent surface. Such faces are divided into 64 parts, which are mapped
+    separately.
+    Their stretches are the geometric means over the parts, and `folded_shares` defines whether they
+    are flipped. Other faces are measured as in `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
@@ -242,10 +243,12 @@ def folded_shares(
 ) -> tuple[float, float]:
     """Return the share of faces (S,) that a map folds, and the share of flipped triangles.
 
-    The triangles are those between the mapped corners (S, 3, 3). Smooth flows that stretch faces to
-    slivers seem to flip several percent of them. A face therefore is folded only if more than three
-    quarters of its 64 parts, which are mapped separately, are also flipped. At most ``most``
-    flipped faces, evenly chosen, are divided.
+    The triangles are those between the mapped corners (S, 3, 3). If a smooth flow stretches faces
+    to
+    slivers, several percent of these triangles seem flipped. Therefore a face counts as folded only
+    if
+    more than three quarters of its 64 parts, which are mapped separately, are also flipped. At most
+    ``most`` flipped faces, evenly chosen, are divided.
     """
     flipped = faces[flipped_triangles(mesh, corners)]
     if not len(flipped):

@@ -107,7 +107,6 @@ def refined(
 def _fitted(
     source: FloatArray, target: FloatArray, weights: FloatArray, rows: IntArray, size: int
 ) -> FloatArray:
-    """Return the functional map (size, size) of a map between points, in least squares."""
     before, after = source[rows, :size], target[:, :size]
     weighted = weights[:, None] * after
     return np.asarray(np.linalg.solve(weighted.T @ after, weighted.T @ before))
@@ -118,7 +117,7 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
-    """Return, for each row of the target, the row of the source whose transfer is closest.
+    """Return, for each row of the target, the row of the source whose transfer by ``C`` is closest.
 
     Matrix products are 20 times as fast as a search tree if the map is far from isometric.
     """
@@ -126,7 +125,7 @@ def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntAr
 
 
 def nearest(rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> IntArray:
-    """Return the number of the closest of other rows (m, d) for each row (n, d)."""
+    """Return, for each row (n, d), the number of the closest of other rows (m, d)."""
     sizes = (others**2).sum(axis=1)
     found = np.empty(len(rows), dtype=np.int64)
     for start in range(0, len(rows), _CHUNK):

@@ -28,7 +28,7 @@ from abfm.mesh.coarsening import next_slot
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_CONFORMAL_WEIGHT = 0.02  # of the conformal energy on the sphere
+_CONFORMAL_WEIGHT = 0.02  # weight of the conformal energy on the sphere
 _GUARD = 1e-300  # prevents division by 0
 
 
@@ -61,7 +61,7 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Return the face in a direction, starting at another face, and write its position."""
+    """Return the face of A in a direction, searching from another face, and write its position."""
     found, weights = np.array([face]), np.empty((1, 3))
     walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0
@@ -166,7 +166,7 @@ def _dirichlet(
 
 @unfused_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> None:
-    """Compute the derivatives of the energy along the axes in the face of A."""
+    """Compute the derivatives of the energy along the two axes of the face of A."""
     (_, surface, sphere), places, model = image.state, image.places, around.model
     model[:] = 0.0
     metric = (

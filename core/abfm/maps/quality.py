@@ -24,11 +24,11 @@ ERROR_BOUNDS = (0.05, 0.1, 0.25)  # sqrt(area); reports give the shares of small
 # known smooth fields on five surfaces. Every flow beyond the first bound had points with a distance
 # above 0.16 from the ends of exact flow lines. Every flow beyond the second bound had a mean error
 # of at least 0.03. Flows within all bounds had mean errors of at most 0.022, others of up to 0.13.
-DISTANCE_MAX = 0.1  # sqrt(area), from the surface
-RMS_DISTANCE_MAX = 0.02  # sqrt(area), from the surface
-FOLDED_SHARE_MAX = 0.1  # of the faces
+DISTANCE_MAX = 0.1  # sqrt(area), largest distance of an image from the surface
+RMS_DISTANCE_MAX = 0.02  # sqrt(area), root mean square of these distances
+FOLDED_SHARE_MAX = 0.1  # share of the faces
 _ROUND_TRIP_VERTICES_MAX = 10_000  # vertices measured by a round trip
-RETURN_DISTANCE_MAX = 1.0  # edges, for 95% of the vertices after a round trip
+RETURN_DISTANCE_MAX = 1.0  # mean edge lengths, for 95% of the vertices after a round trip
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,10 @@ class MapAccuracy:
         return float(self.errors.max())
 
     def share_under(self, bound: ArrayLike) -> FloatArray:
-        """Return the share of vertices with an error of at most ``bound``, with its shape."""
+        """Return the share of vertices with an error of at most ``bound``, in sqrt(area).
+
+        The result has the shape of ``bound``.
+        """
         at_most = self.errors <= np.asarray(bound, dtype=np.float64)[..., None]
         return np.asarray(at_most.sum(axis=-1) / len(self.errors))
 

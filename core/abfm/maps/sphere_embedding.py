@@ -42,7 +42,7 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_SWEEPS = 10  # over all vertices after each round
+_SWEEPS = 10  # sweeps over all vertices after each round
 _MOVES = 10_000  # additional moves of vertices after each round
 # steps of an inserted vertex toward the vertex that it was collapsed to
 _STEP_FACTOR = 0.6
@@ -81,7 +81,6 @@ def embed(points: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
-    """Raise a MeshError if a face is flipped on the sphere."""
     a, b, c = np.moveaxis(sphere[faces], 1, 0)
     if not (np.einsum("fx,fx->f", a, np.cross(b - a, c - a)) > 0).all():
         raise MeshError(_THIN_FACES_MESSAGE)
@@ -90,7 +89,7 @@ def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
 def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """Close each hole of a surface of genus 0 with a fan of faces around a new vertex.
 
-    Returns points (V', 3), which begin with the vertices, and faces (F', 3). Raises a MeshError if
+    Return points (V', 3), which begin with the vertices, and faces (F', 3). Raise a MeshError if
     the surface has handles or pinched vertices.
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
@@ -115,7 +114,6 @@ def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
 
 
 def build_surface(faces: IntArray, count: int) -> Surface:
-    """Return the connectivity of faces (F, 3) of ``count`` vertices."""
     edges, face_edges = edges_of_faces(faces, count)
     slots, corners = edge_slots(face_edges, len(edges)), faces.ravel().copy()
     twins, corner_of = np.empty_like(corners), np.empty(count, dtype=np.int64)
@@ -202,7 +200,7 @@ def _insert_vertices(
 ) -> bool:
     """Insert vertices in reverse order, with a few steps of each vertex and its neighbours.
 
-    Returns whether a position was found for all.
+    Return whether a position was found for all.
     """
     surface = state.surface
     around = np.empty_like(workspace.star)
@@ -225,7 +223,7 @@ def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool
 
     The first try is the mean of its neighbours. Other tries are near ``anchor``, the vertex that it
     was collapsed to. Their direction is the sum of the normals of the anchor's two sides of the
-    ring. Returns whether a position was found despite rounding.
+    ring. Return whether a position was found despite rounding errors.
     """
     faces, sphere = state.surface.faces, state.sphere
     place, inward, normal = np.zeros(3), np.zeros(3), np.empty(3)

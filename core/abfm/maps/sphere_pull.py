@@ -17,9 +17,9 @@ from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_STEP = 0.5  # share of a move that is taken first
+_STEP = 0.5  # share of a move that is tried first
 _VOLUME_SHARE_MIN = 0.1  # smallest volume of a face after a move, relative to the one before
-_HALVINGS_MAX = 12  # of a move; then the corners of a flipped face stay
+_HALVINGS_MAX = 12  # halvings of a move, after which the corners of a flipped face stay
 
 
 class MoveArrays(NamedTuple):
@@ -31,7 +31,6 @@ class MoveArrays(NamedTuple):
 
 
 def allocate_moves(count: int) -> MoveArrays:
-    """Return arrays for the moves of ``count`` vertices."""
     return MoveArrays(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
 
 
@@ -90,7 +89,7 @@ def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Works
 def _reduce_shares(
     state: Embedding, active: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
 ) -> bool:
-    """Reduce the shares of the corners of flipped faces; return whether there are such faces."""
+    """Reduce the moves of the corners of flipped faces; return whether there are such faces."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
     is_flipped = False
     for v in active:

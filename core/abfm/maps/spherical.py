@@ -31,9 +31,9 @@ from abfm.workers.control import checkpoint
 ROUNDNESS = 0.02  # tolerance for spheres, relative to the radius
 _VOLUME_ROUNDING = -1e-14  # smallest volume for a point on a side of a face
 _DIRECTION_ROUNDING = 1e-9  # a point is outside all faces if its direction differs by more
-_COVERAGE_MIN = 0.25  # of the sphere, by a surface with holes
-_ROUNDING = 1e-14  # of the lengths of unit vectors
-_CHUNK = 8192  # points between checkpoints
+_COVERAGE_MIN = 0.25  # least share of the sphere that a surface with holes covers
+_ROUNDING = 1e-14  # rounding errors of the lengths of unit vectors
+_CHUNK = 8192  # points between two checks whether the task is paused or cancelled
 
 
 def sphere_directions(mesh: TriangleMesh) -> FloatArray:
@@ -55,7 +55,6 @@ def is_sphere(mesh: TriangleMesh) -> bool:
 
 @per_mesh
 def _directions(mesh: TriangleMesh) -> FloatArray | str:
-    """Return the unit vectors of a spherical mesh, or an error message for other meshes."""
     x = mesh.vertices / mesh.length_scale
     rows = np.column_stack([2 * x, np.ones(len(x))])
     found = np.linalg.lstsq(rows, (x**2).sum(axis=1), rcond=None)[0]
@@ -84,7 +83,7 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
 def solid_angles(corners: FloatArray) -> FloatArray:
     """Return the signed solid angles (F,) of triangles of unit vectors (F, 3, 3).
 
-    The source is [Van Oosterom, Strackee 1983].
+    The formula is that of [Van Oosterom, Strackee 1983].
     """
     a, b, c = (corners[:, k] for k in range(3))
     volume = (a * np.cross(b, c)).sum(axis=1)
@@ -104,17 +103,11 @@ class Faces(NamedTuple):
 class SphereLayout:
     """A surface laid out on the unit sphere.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    directions : (V, 3) array
-        Directions of the vertices, not zero; they are scaled to length 1. The layout may be
-        mirrored, and may have holes if the surface has holes.
-
-    Raises
-    ------
-    AbfmError
-        If the directions do not fit the mesh or do not go around the sphere once.
+    The directions (V, 3) of the vertices are scaled to length 1. The layout may be mirrored, and
+    may
+    have holes if the surface has holes. AbfmError if the directions do not fit the mesh, are zero,
+    or
+    do not go around the sphere once.
     """
 
     def __init__(self, mesh: TriangleMesh, directions: ArrayLike) -> None:
@@ -188,8 +181,9 @@ def map_through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap
 def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray) -> None:
     """Find the faces (P,) and barycentric weights (P, 3) of directions (P, 3).
 
-    ``faces`` holds a first guess and is overwritten. The search walks from face to face across the
-    side that the point is farthest behind. If the walk fails, all faces are tried.
+    ``faces`` contains a first guess and is overwritten. The search walks from face to face, each
+    time
+    across the side that the point is farthest behind. If the walk fails, all faces are tried.
     """
     corners = layout.corners
     volumes, best = np.empty(3), np.empty(3)

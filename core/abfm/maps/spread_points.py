@@ -14,8 +14,8 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 SPACING_MIN = 0.014
 """Smallest distance between points, in sqrt(area)."""
-_CANDIDATES = 32_768  # with a mean distance of 0.006 sqrt(area)
-_OPPOSITE_COSINE = -0.5  # of normals: points with opposite normals are not neighbours
+_CANDIDATES = 32_768  # number of candidates, with a mean distance of 0.006 sqrt(area)
+_OPPOSITE_COSINE = -0.5  # points whose normals have a smaller cosine are not neighbours
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def _farthest_first(
 
 @kernel
 def _select(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
-    """Write the numbers of selected places (n, 3) to ``taken`` and return how many there are."""
+    """Write the numbers of selected places (n, 3) to ``taken``; return how many there are."""
     count = 0
     for i in range(len(places)):
         is_free = True

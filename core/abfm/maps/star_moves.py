@@ -13,7 +13,7 @@ from abfm.maps.surface_points import Vector, cross, scalar
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_MOLLIFICATION = 0.01  # of the mean side of a face, added to its sides, so slivers may change shape
+_MOLLIFICATION = 0.01  # share of the mean side of a face that is added to its sides (for slivers)
 _CURVATURE_SHARE_MIN = 0.01  # smallest curvature of a model, as a share of the largest one
 FLAT_VOLUME = 1e-15  # rounding may flip faces with a smaller volume, see `volume`
 STEP_FACTOR = 0.4  # reduces a step that does not decrease the energy
@@ -24,26 +24,23 @@ class Workspace(NamedTuple):
     """Arrays for the neighbourhood of a vertex of a mesh with V vertices."""
 
     star: IntArray  # (V,), corners at the vertex
-    shapes: FloatArray  # (V, 4), of their faces, see `shape`
-    axes: FloatArray  # (2, 3), of the plane in which the vertex moves
+    shapes: FloatArray  # (V, 4), shapes of their faces, see `shape`
+    axes: FloatArray  # (2, 3), axes of the plane in which the vertex moves
     model: FloatArray  # (5,), two first derivatives, and second derivatives 11, 12, 22
 
 
 def allocate_workspace(count: int) -> Workspace:
-    """Return arrays for a mesh with ``count`` vertices."""
     star, shapes = np.empty(count, dtype=np.int64), np.empty((count, 4))
     return Workspace(star, shapes, np.empty((2, 3)), np.empty(5))
 
 
 @unfused_kernel
 def difference(a: FloatArray, b: FloatArray) -> Vector:
-    """Return ``a - b``."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @unfused_kernel
 def normalize(a: FloatArray) -> None:
-    """Scale a vector to length 1, in place."""
     a /= np.sqrt(scalar(a, a))
 
 
@@ -87,16 +84,11 @@ def add_product(
 ) -> None:
     """Add the derivatives of ``D phi(V)`` along two axes to a model.
 
-    Parameters
-    ----------
-    dirichlet : tuple of three floats
-        D and its first derivatives.
-    metric : tuple of three floats
-        Second derivatives of D: 11, 12, 22.
-    logarithm : tuple of two floats
-        First derivatives of ``log V``.
-    phi : tuple of three floats
-        ``phi``, ``V phi'`` and ``V^2 phi''``.
+    ``dirichlet`` has D and its first derivatives, ``metric`` the second derivatives 11, 12, 22 of
+    D.
+    ``logarithm`` has the first derivatives of ``log V``, and ``phi`` the values ``phi``, ``V phi'``
+    and
+    ``V^2 phi''``.
     """
     value, d1, d2 = dirichlet
     v1, v2 = logarithm

@@ -214,12 +214,10 @@ def barycentric_weights(
 
 @kernel
 def cross(a: FloatArray | Vector, b: FloatArray | Vector) -> Vector:
-    """Return the cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
 def scalar(a: FloatArray | Vector, b: FloatArray | Vector) -> float:
-    """Return the scalar product of two vectors."""
     product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
     return product

@@ -18,14 +18,14 @@ KINDS: tuple[SymmetryKind, ...] = get_args(SymmetryKind)
 TOLERANCE = 0.02
 
 _ROUNDING = 1e-6  # sqrt(area); closer points are equal
-_MOTION_MIN = 1e-3  # sqrt(area), root mean square; excludes reflection in a flat surface's plane
+_MOTION_MIN = 1e-3  # RMS motion, sqrt(area); excludes reflections in the plane of a flat surface
 _PARTNERS_MAX = 60  # vertices that may be the image of one vertex
-_PARTNER_DISTANCE_MIN = 0.1  # sqrt(area), between partners chosen by distance only
+_PARTNER_DISTANCE_MIN = 0.1  # sqrt(area), least distance of partners chosen by distance only
 _SCREENING_VERTICES = 64
 _REFINING_VERTICES = 400
 _AXIS_TOLERANCE = 1e-4  # 1 - cosine of the angle between equal axes: 0.8 degrees
 _CANDIDATES_MAX = 12  # candidates that are refined
-_REFINEMENTS = 8  # iterations
+_REFINEMENTS = 8  # iterations of a refinement
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +208,6 @@ def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
 
 
 def _unit_rows(vectors: FloatArray) -> FloatArray:
-    """Scale rows to length 1 and remove rows that are zero."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > _ROUNDING] / lengths[lengths > _ROUNDING, None])
 
@@ -218,7 +217,7 @@ def _screened(
 ) -> FloatArray:
     """Return the axes whose symmetries move points but keep them closest to the surface.
 
-    Among equally good axes those with larger motions come first.
+    Among axes that are equally good, those with larger motions come first.
     """
     moved = _apply(group.linear(axes), centre, points)
     motion = ((moved - points) ** 2).sum(axis=2).mean(axis=1)
@@ -267,7 +266,10 @@ def _refined(
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Test a symmetry on all vertices, by its axis and a point on it in units of unit area."""
+    """Return a symmetry tested on all vertices.
+
+    The axis and a point on it are in units of the surface of unit area.
+    """
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
     positions = _apply(linear, centre, group.surface.vertices)

@@ -105,10 +105,10 @@ def _copied(draft: Draft) -> Draft:
 
 
 def _merged(draft: Draft) -> Draft | None:
-    """Return a copy whose vertices at the same position are merged, or None.
+    """Return a copy whose vertices at the same position are merged; None if nothing is merged.
 
-    It is None if no two vertices have the same position. It is also None if all components lie at
-    the same place, as the spheres of two hemispheres do.
+    All vertices remain if all components lie at the same place, as the spheres of two hemispheres
+    do.
     """
     found = _copied(draft)
     try:
@@ -186,7 +186,7 @@ def _refuse_several_components(draft: Draft) -> None:
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
-    """Return an array of rows of three real numbers, or raise a MeshError."""
+    """Return an array with rows of three real numbers, or raise a MeshError."""
     try:
         array = plain_array(rows)
     except (TypeError, RuntimeError) as error:
@@ -258,7 +258,6 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
 
 
 def _extent_and_width(draft: Draft) -> tuple[float, float]:
-    """Return the largest coordinate and the largest width."""
     width = draft.vertices.max(axis=0) - draft.vertices.min(axis=0)
     return np.abs(draft.vertices).max(), width.max()
 
@@ -361,7 +360,7 @@ def _orient_consistently(draft: Draft) -> None:
 
 
 def _prefers_other_side(draft: Draft, flip: BoolArray, piece: IntArray) -> BoolArray:
-    """Return for each label of a piece whether the opposite choice of flips is the right one."""
+    """Return for each label of a piece whether its flips have to be reversed."""
     a, b, c = np.moveaxis((draft.vertices - draft.vertices.mean(axis=0))[draft.faces], 1, 0)
     volume = np.einsum("fx,fx->f", a, np.cross(b, c)) * np.where(flip, -1, 1)
     inward = np.bincount(piece, volume) < 0

@@ -20,7 +20,7 @@ from abfm.numerics.kernels import kernel, unfused_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 _INDEX_TYPE = np.int32  # enough for the slots of 700 million faces
-# vertices over the requested number, above which a result is not accepted as coarser
+# a result with more vertices, relative to the requested number, is not accepted
 _VERTICES_RATIO_MAX = 1.25
 
 
@@ -182,7 +182,7 @@ def _may_collapse(
 def _collapse(
     surface: _Surface, places: _Places, queue: _Queue, slot: int, star: IndexArray
 ) -> int:
-    """Move one end of an edge to its middle, give it the faces of the other end, and return it."""
+    """Collapse an edge; return the end that moves to its middle and gets the faces of the other."""
     points, faces, twins, edges = surface.points, surface.faces, surface.twins, surface.edges
     u: int = faces[next_slot(slot)]
     v = faces[next_slot(next_slot(slot))]

@@ -60,20 +60,9 @@ def load_colors(
 
     The vertices of the file may have another order, and may repeat at the seams of a texture. Faces
     are found by the positions of their corners, or else, if the surface was moved, by their vertex
-    numbers.
+    numbers. The file may have further faces. ``image`` replaces the image that the file refers to.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        The surface. The file may have further faces.
-    image : path, optional
-        The image to use instead of those that the file refers to.
-
-    Raises
-    ------
-    MeshError
-        One line that begins with the name of the file: it cannot be read, belongs to another
-        surface, or has no colours.
+    MeshError if the file cannot be read, belongs to another surface, or has no colours.
     """
     name, readers = one_line(path), dict(COLOR_READERS)
     if image is not None:
@@ -97,7 +86,7 @@ def _bytes_of(image: str | os.PathLike[str]) -> bytes:
 
 
 def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceColors:
-    """Return the colours of faces (rows) of the file at their ``corners`` (n, 3)."""
+    """Return the colours of some faces (rows) of the file at their ``corners`` (n, 3)."""
     used, owners = np.unique(found.owners[rows], return_inverse=True)
     materials = tuple(found.materials[k] for k in used)
     places, colors = (part[rows[:, None], corners] for part in (found.coordinates, found.colors))

@@ -13,7 +13,7 @@ NO_COPIES = np.zeros((0, 2), dtype=np.int64)
 
 
 class FileNumbers(NamedTuple):
-    """Numbers of the vertices (V,) of a mesh in its file; see `TriangleMesh`."""
+    """Numbers of the vertices (V,) of a mesh in its file, see `TriangleMesh`."""
 
     vertex_ids: IntArray
     file_vertex_count: int

@@ -4,8 +4,8 @@ import numpy as np
 
 from abfm.types import BoolArray, FloatArray, IntArray
 
-FLATNESS = 1e-12  # height over longest edge, up to which gradients on a face are unusable
-# height over distance from the origin, up to which it may be a rounding error
+FLATNESS = 1e-12  # gradients are unusable on faces with a smaller ratio of height and longest edge
+# a height may be a rounding error up to this share of the distance from the origin
 ROUNDING = 4 * np.finfo(np.float64).eps
 CHUNK_FACES = 1 << 15  # number of faces processed together; their corners fit the CPU caches
 
@@ -46,12 +46,10 @@ def side_lengths(vertices: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def _corners(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the positions of the corners of faces, (3, F, 3)."""
     # `take` is several times as fast as indexing
     return np.moveaxis(vertices.take(faces, axis=0), 1, 0)
 
 
 def _squares(vectors: FloatArray) -> FloatArray:
-    """Return the squared length of each row, (n,)."""
     found: FloatArray = np.einsum("nx,nx->n", vectors, vectors)
     return found

@@ -39,7 +39,6 @@ _NAME_LENGTH_MAX = 300
 
 
 def read_vtk(opened: Opened) -> FileContents:
-    """Read the points and the polygons of a VTK file."""
     file = vtk_contents(opened)
     return split_polygons(file.points, *file.polygons())
 
@@ -63,7 +62,7 @@ READERS: Readers[FileContents] = {
 
 
 def endings_of(readers: Readers[Contents]) -> tuple[str, ...]:
-    """Return the usual file name endings of the formats of these readers."""
+    """Return the usual file name endings of the formats of some readers."""
     return tuple(ending for ending, found in ENDINGS.items() if found in readers)
 
 
@@ -198,12 +197,9 @@ def read_contents(
 ) -> Contents:
     """Return the contents of a file; convert every error of a reader to a MeshError.
 
-    Parameters
-    ----------
-    readers : mapping
-        The reader of each format that can be read.
-    expected : str
-        The expected kind of file, such as "mesh", for messages.
+    ``readers`` has the reader of each supported format. Messages use ``expected``, the expected
+    kind
+    of file, such as "mesh".
     """
     opened = None
     try:

@@ -16,8 +16,6 @@ MERGE = "merge"
 
 
 class MeshKeywords(TypedDict, total=False):
-    """The options as keyword arguments."""
-
     merge: bool | float | None
     clean: bool
     hemisphere: str | None
@@ -116,7 +114,7 @@ class MeshOptions:
 
     @property
     def arguments(self) -> str:
-        """The options as command line arguments."""
+        """The options as arguments of the command line."""
         return " ".join(
             f"--{name.replace('_', '-')}{'' if value is True else f' {value}'}"
             for name, value in self.changed.items()

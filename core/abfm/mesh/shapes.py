@@ -141,7 +141,7 @@ def gourd(frequency: int) -> TriangleMesh:
 
 
 def gourd_radius(polar: FloatArray) -> FloatArray:
-    """Return the distance of the `gourd` from its centre for angles from the y axis."""
+    """Return the distance of the surface `gourd` from its centre, for angles from the y axis."""
     ellipsoid = 1 / np.hypot(np.sin(polar) / 1.1, np.cos(polar) / 0.75)
     return np.asarray(ellipsoid * (1 + 0.16 * np.cos(4 * polar)))
 

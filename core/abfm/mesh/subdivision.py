@@ -91,7 +91,7 @@ def to_children(
 
 
 def to_parents(faces: IntArray, barycentric: FloatArray, k: int = 1) -> tuple[IntArray, FloatArray]:
-    """Convert points of the mesh subdivided k times back; the inverse of `to_children`."""
+    """Convert points of the mesh subdivided k times back, as the inverse of `to_children`."""
     for _ in range(k):
         parents, child = np.divmod(faces, 4)
         middle = (1 - barycentric) / 2

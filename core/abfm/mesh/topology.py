@@ -53,7 +53,10 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slots of the next corners of the same faces, where the edges of slots start."""
+    """Return the slots of the next corners of the same faces.
+
+    There, the edges of the slots start.
+    """
     return slots - slots % 3 + (slots + 1) % 3
 
 

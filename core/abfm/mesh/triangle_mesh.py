@@ -32,7 +32,7 @@ Others = ParamSpec("Others")
 Number = TypeVar("Number", bound=np.generic)
 
 _COPY_ROUNDING = 1e-6  # rounding errors of writing and reading, as a fraction of the largest value
-_NORMAL_SHARE_MIN = 0.3  # as a fraction of the value of a sphere, see `is_inside_out`
+_NORMAL_SHARE_MIN = 0.3  # as a fraction of the value for a sphere, see `is_inside_out`
 
 
 def per_mesh(

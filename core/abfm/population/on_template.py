@@ -64,7 +64,7 @@ class MapFacts(NamedTuple):
     """Measures of the map of a subject; NaN if unknown."""
 
     folded: float = math.nan  # fraction of the faces, 0 to 1, folded by the flow
-    residual: float = math.nan  # of the registration, the larger one of both checks
+    residual: float = math.nan  # residual of the registration, the larger one of both checks
     # root mean square of the field without the mean field, in sqrt(area)
     displacement: float = math.nan
     landmarks: float = math.nan  # mean error, in sqrt(area)

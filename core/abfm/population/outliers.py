@@ -18,14 +18,14 @@ SUBJECTS_MIN = 5
 none is excluded because it differs from the others.
 """
 ROBUST_Z = 3.5
-"""Number of deviations from the median beyond which a subject is an outlier [Iglewicz and Hoaglin
-1993].
+"""Robust z-score (distance from the median in standard deviations, by the MAD) beyond which a
+subject is an outlier [Iglewicz and Hoaglin 1993].
 """
-_NORMAL_MAD_RATIO = 1.4826  # ratio of standard deviation and MAD of a normal distribution
-_SPREAD_MIN = 0.02  # minimum deviation of z-transformed correlations and of logarithms
+_NORMAL_MAD_RATIO = 1.4826  # standard deviation / median absolute deviation, if normal
+_SPREAD_MIN = 0.02  # minimum standard deviation of z-transformed correlations and logarithms
 _EXPLAINED_RATIO_MIN = 0.5  # minimum explained variance of an included subject / median
 _RATIO_MAX = 2.0  # maximum distance or distortion of an included subject / median
-_LOG2_AREA_MAX = 0.5  # mean |log2 J|: a change of areas by 41%
+_LOG2_AREA_MAX = 0.5  # maximum mean |log2 J| of an included subject: areas change by 41%
 # thresholds of the hints on the unit and the sign of values
 _SPREAD_RATIO_MAX = 2.0
 _OPPOSITE_CORRELATION = -0.3
@@ -40,8 +40,9 @@ class Similarity:
     correlation : float
         Correlation with the mean of the others; weighted mean over channels.
     distance : float
-        L2 distance to the mean of the others, relative to its deviation over the surface; weighted
-        root mean square over channels.
+        L2 distance to the mean of the others; weighted root mean square over channels. It is
+        divided by
+        the L2 norm of that mean minus its average over the surface.
     log2_area : float
         Mean of ``|log2 J|``, the change of areas by the map.
     folded : float
@@ -137,12 +138,8 @@ def find_outliers(
 def repeated_outliers(rounds: Sequence[BoolArray]) -> BoolArray:
     """Return which subjects were excluded, included again, and excluded again, (N,).
 
-    Such subjects stay excluded, because the mean would not converge if a subject came and went.
-
-    Parameters
-    ----------
-    rounds : sequence of (N,) arrays of bool
-        Included subjects at the end of each round.
+    Such subjects stay excluded. Otherwise the mean would not converge. ``rounds`` are the included
+    subjects at the end of each round, (N,) each.
     """
     fitted = np.stack([np.ones_like(rounds[0]), *rounds])
     return np.asarray((fitted[:-1] & ~fitted[1:]).sum(axis=0) > 1)

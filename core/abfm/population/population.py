@@ -67,7 +67,8 @@ POPULATION = FileKind(
 class Population(Display):
     """Subjects registered to a template, and their values on it.
 
-    A subject is included in means and deviations unless it is an outlier or its registration
+    A subject is included in means and standard deviations unless it is an outlier or its
+    registration
     failed.
 
     Attributes
@@ -108,9 +109,11 @@ class Population(Display):
     drift : (F, 3) array
         Mean field that was subtracted in the last round.
     changes : (R,) array
-        Change of the mean in each round, relative to its deviation, in L2.
+        Change of the mean in each of R rounds: the L2 norm of the difference. It is divided by the
+        L2
+        norm of the mean minus its average over the surface.
     bound : float
-        Change of the mean below which the rounds stop.
+        Change of the mean, in the same measure, below which the rounds stop.
     """
 
     template: TriangleMesh
@@ -152,7 +155,10 @@ class Population(Display):
 
     @property
     def distance(self) -> FloatArray:
-        """L2 distance to the mean of the other included subjects, over its deviation, (N,)."""
+        """L2 distance of each subject to the mean of the other included subjects, (N,).
+
+        It is divided by the L2 norm of that mean minus its average over the surface.
+        """
         return self._number("distance")
 
     @property
@@ -162,12 +168,15 @@ class Population(Display):
 
     @property
     def folded(self) -> FloatArray:
-        """Fraction of the faces, 0 to 1, that each flow folds, (N,); NaN if unknown."""
+        """Fraction of the faces, 0 to 1, that the flow of each registration folds, (N,).
+
+        NaN if unknown.
+        """
         return self._number("folded")
 
     @property
     def displacement(self) -> FloatArray:
-        """Root mean square of the displacement without the mean field, (N,), in sqrt(area)."""
+        """Root mean square of each displacement minus the mean field, (N,), in sqrt(area)."""
         return self._number("displacement")
 
     @property
@@ -222,25 +231,26 @@ class Population(Display):
         return statistics.mean(*self._registered(channel))
 
     def deviation(self, channel: str | int = 0) -> FloatArray:
-        """Return the standard deviation over included subjects, (V,).
+        """Return the standard deviation of a channel over included subjects, (V,).
 
-        This is the root of the unbiased variance; NaN where fewer than two subjects are known.
+        It is the root of the unbiased variance. It is NaN where fewer than two subjects are known.
         """
         return statistics.deviation(*self._registered(channel))
 
     def plain_mean(self, channel: str | int = 0) -> FloatArray:
-        """Return the mean by the initial maps, (V,)."""
+        """Return the mean of a channel by the initial maps, (V,)."""
         return statistics.mean(*self._initial(channel))
 
     def mean_of_others(self, subject: int, channel: str | int = 0) -> FloatArray:
-        """Return the mean of the included subjects except one, (V,)."""
+        """Return the mean of a channel over the included subjects except one, (V,)."""
         return LeaveOneOut.of(*self._registered(channel)).without(subject)
 
     def scores(self, channel: str | int = 0) -> FloatArray:
-        """Return the correlation of each subject with the mean of the others, (N, 2).
+        """Return the correlation of each subject with the mean of other included subjects, (N, 2).
 
-        The columns are before and after registration. The others are the included subjects. For a
-        held-out channel the difference measures the benefit of registration.
+        The columns are before and after registration. For a held-out channel the difference
+        measures the
+        benefit of registration.
         """
         found = []
         for (values, shares), masks in (

@@ -33,15 +33,10 @@ class RoundResult(NamedTuple):
 
 
 class ArrayStack:
-    """Arrays of equal shape, one for each subject, in a temporary file.
+    """Arrays of equal shape, one for each subject, in a temporary file in ``folder``.
 
     The memory is therefore independent of the number of subjects. The file is removed when it is no
     longer used.
-
-    Parameters
-    ----------
-    folder : path
-        Folder of the file.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -11,7 +11,7 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.registration import initial
 
 CHANGE_BOUND = 0.02
-"""Maximum change of the mean in the last round, relative to its deviation, in L2."""
+"""Default of `Settings.bound`."""
 ROUNDS_DEFAULT = 5
 WEIGHT_MAX = 1e12
 """Maximum weight of a subject or a channel."""
@@ -33,7 +33,9 @@ class Settings:
     options : mapping
         Options of each registration, as for `abfm register`: ``alpha``, ``max-distortion``, ...
     bound : float
-        The rounds stop when the mean changes by less than this, relative to its deviation, in L2.
+        The rounds stop when the mean changes by less than this. The change is an L2 norm, divided
+        by
+        the L2 norm of the mean minus its average over the surface.
     rounds : int
         Maximum number of rounds.
     weights : mapping of float

@@ -47,7 +47,7 @@ from abfm.workers.control import checkpoint, current_control
 from abfm.workers.progress import step
 
 _TARGETS = "targets"  # subfolder of templates, target functions and mean fields
-_OUTLIER_PASSES_MAX = 3  # in a round; each uses the mean field of the subjects included before
+_OUTLIER_PASSES_MAX = 3  # searches for outliers in a round, each with the latest mean field
 _NOISE_SUBJECTS = 3  # subjects whose noise is estimated
 _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions or landmarks
 
@@ -114,9 +114,11 @@ class PopulationSolver:
 
     @cached_property
     def goal(self) -> float:
-        """Goal of the registrations if none is given and functions do not count as measured.
+        """Goal of the registrations, unless it is given or the functions count as measured.
 
-        This is the case for coarse meshes. The goal is at least the noise of the first subjects.
+        Functions on coarse meshes do not count as measured. The goal is at least the noise of the
+        first
+        subjects.
         """
         levels = []
         for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
@@ -128,7 +130,7 @@ class PopulationSolver:
                 sizes = f.std(axis=1)
                 if sizes.all():  # registrations report constant functions
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
-        # above 1 the noise exceeds the functions
+        # at most 1, since above it the noise exceeds the functions
         return min(max(Parameters.goal, float(np.median(levels or [0.0]))), 1.0)
 
     def first_target(self) -> Target:
@@ -188,7 +190,7 @@ class PopulationSolver:
         return ComparisonData(matched, masks, self.weights, self.areas, self.channel_weights)
 
     def _unknown_subject(self) -> TransferredSubject:
-        """Return the values of a subject that is not on the template: all unknown."""
+        """Return the values of a subject that could not be transferred: all of them are unknown."""
         count = len(self.template.vertices)
         values = np.full((count, len(self.cohort.channels)), np.nan)
         nothing = TemplateValues(values, np.zeros(count))
@@ -282,7 +284,7 @@ class PopulationSolver:
         """Transfer all subjects by their maps minus the mean field, and find outliers.
 
         The mean field is that of the subjects included at the end of the previous round, if there
-        is one. The step is repeated if the included subjects change.
+        is one. The transfer is repeated if the included subjects change.
         """
         failures = [
             "" if entry.path else f"its registration failed: {entry.reason or 'there is no result'}"
@@ -405,7 +407,7 @@ class PopulationSolver:
         return np.array(channel_means)
 
     def phases(self, entries: Sequence[LedgerEntry], found: RoundResult) -> FloatArray:
-        """Split the variance of each channel, (C, 4), at the midpoints of edges.
+        """Return the parts of the variance of each channel, (C, 4), at the midpoints of edges.
 
         There, values are means of two vertices before registration, and of two or three after it.
         Noise is therefore smoothed in the same way.
@@ -505,7 +507,7 @@ class PopulationSolver:
 def _add(
     sums: Sequence[Moments], transferred: TemplateValues, weight: float, channel_means: FloatArray
 ) -> None:
-    """Add the values of a subject, by channel, minus the means (C,)."""
+    """Add the values of a subject to the sums of each channel, minus the means (C,)."""
     for moments, values, channel_mean in zip(
         sums, transferred.values.T, channel_means, strict=True
     ):

@@ -1,4 +1,4 @@
-"""Statistics over subjects: means, deviations, similarity, and phase and amplitude variance.
+"""Statistics over subjects: means, standard deviations, similarity, phase and amplitude.
 
 Values are (V,) for each of N subjects at V vertices. The share of a subject, (V,), is its
 nonnegative weight at each vertex: its weight in the population times its mask. Values with share 0
@@ -19,8 +19,8 @@ from abfm.types import BoolArray, FloatArray, IntArray
 
 Subjects: TypeAlias = Sequence[FloatArray] | FloatArray
 """One array (V,) for each of N subjects."""
-_CONSTANT_DEVIATION_MAX = 1e-9  # relative to the function's norm: smaller is rounding
-_VARIANCE_ROUNDING = 1e-14  # relative to mean squares: a smaller variance is rounding
+_CONSTANT_DEVIATION_MAX = 1e-9  # functions that vary less, relative to their norm, are constant
+_VARIANCE_ROUNDING = 1e-14  # a smaller variance, relative to the mean square, is a rounding error
 
 
 class Phase(NamedTuple):
@@ -124,7 +124,7 @@ def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
 
 
 def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
-    """Return ``||f - g||`` in L2 relative to the deviation of ``g`` from its mean.
+    """Return ``||f - g||`` in L2, divided by the L2 norm of ``g`` minus its mean.
 
     Only vertices with positive areas (V,) and known values are used. The result is NaN if ``g`` is
     constant.
@@ -160,7 +160,7 @@ class Moments:
         self.second += shares * counted**2
 
     def integrals(self, weights: FloatArray) -> tuple[float, float]:
-        """Return the integral of the mean of squares, and of the square of the mean."""
+        """Return the integral of the mean of the squares, and of the square of the mean."""
         divisor = np.where(self.shares > 0, self.shares, 1)
         means, squares = self.first / divisor, self.second / divisor
         return float(weights @ squares), float(weights @ means**2)

@@ -51,7 +51,6 @@ class TransferredSubject(NamedTuple):
     verdict : str
         Kind of the verdict of the registration.
     facts : MapFacts
-        Measures of the map.
     """
 
     before: TemplateValues
@@ -133,7 +132,7 @@ class SubjectTransfer:
     def _first_points(self, surface: TriangleMesh, template: TriangleMesh) -> SurfacePoints:
         """Return the points of a subject at the template's vertices, by an initial map.
 
-        The map needs no functions, since those of the template are not known yet.
+        The map must not need functions, since those of the template are not known yet.
         """
         landmarks = None
         if self.subject.landmarks:

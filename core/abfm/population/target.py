@@ -30,7 +30,7 @@ class Target(NamedTuple):
         return cls(extend_all(mesh, functions, known), np.where(known, mask, 0))
 
     def distance(self, before: Target, areas: FloatArray, weights: Sequence[float]) -> float:
-        """Return the L2 distance to another target, relative to the deviation of this one.
+        """Return the L2 distance to another target, over the L2 norm of this one minus its mean.
 
         The result is the root mean square over channels with weights (C,).
         """

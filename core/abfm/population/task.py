@@ -65,7 +65,7 @@ def _rounds(text: str) -> int:
 
 
 def _preview(path: Path) -> Preview:
-    """Return the mean and the deviation of the first channel on the template."""
+    """Return a preview of the mean and standard deviation of the first channel."""
     found = load_population(path)
     return Preview(found.template, [found.mean(), found.deviation()])
 
@@ -74,7 +74,8 @@ def _preview(path: Path) -> Preview:
 class PopulationTask(Task):
     """Iterative registration of subjects to a template that computes their mean.
 
-    The task writes the result and all registrations to a folder, the checkpoint of the monitor.
+    The monitor's checkpoint is the folder into which the task writes the result and all
+    registrations.
 
     Attributes
     ----------

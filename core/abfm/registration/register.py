@@ -49,15 +49,15 @@ from abfm.workers.control import Control
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
 Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
 MEASURED_PARAMETERS = Parameters.of(order=1, alpha=0.03, divergence=1.5)
-"""Parameters for measured functions of two surfaces, which differ as two subjects differ.
+"""Parameters for measured functions on two surfaces, such as the cortices of two subjects.
 
 They were compared with the norm of second order on a human cortex and fsaverage5, at about the same
 change of shapes (mean log2 R 0.39 and 0.38). The correlation of held-out curvature is 0.614 instead
 of 0.571, and the Dice coefficient of labels is 0.905 instead of 0.892.
 """
-_OPPOSITE_CORRELATION = -0.3  # below it two functions have opposite signs
-_CONSTANT = 1e-9  # of the largest value: smaller deviations from the mean are rounding errors
-_RANGE_SHARE_MAX = 0.25  # of the range: larger differences of extrema mean different units
+_OPPOSITE_CORRELATION = -0.3  # two functions with a smaller correlation have opposite signs
+_CONSTANT = 1e-9  # functions that vary less, relative to their largest value, are constant
+_RANGE_SHARE_MAX = 0.25  # extrema that differ by a larger share of the range have different units
 
 
 class PreparedRegistration(NamedTuple):
@@ -67,10 +67,10 @@ class PreparedRegistration(NamedTuple):
     problem: Problem
     notes: tuple[str, ...]
     functions: FloatArray | None = None  # (V_A, C), functions of A in the units of the comparison
-    warnings: tuple[str, ...] = ()  # about the initial map
+    warnings: tuple[str, ...] = ()  # reasons why the initial map may be wrong
 
     def with_match(self, match: Match) -> Registration:
-        """Return the registration by a match of the problem."""
+        """Return the registration that a match of the problem determines."""
         return Registration(self.initial, match, self.notes, self.functions, self.warnings)
 
     def solve(
@@ -330,7 +330,7 @@ def _landmarks_on_b(initial: Correspondence, pairs: Landmarks) -> dict[str, Any]
 
 
 def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
-    """Return a note if values outside the hidden part of a mask (V,) are not finite."""
+    """Return a note if values are not finite at vertices that the mask (V,) does not hide."""
     if mask is not None:
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))

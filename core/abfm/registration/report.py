@@ -38,7 +38,7 @@ def map_details(found: Correspondence, distortion: Distortion | None = None) -> 
 
 
 def distortion_details(distortion: Distortion) -> dict[str, Any]:
-    """Return the numbers of a distortion."""
+    """Return the measures of a distortion by name."""
     return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),

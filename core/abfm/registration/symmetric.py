@@ -1,4 +1,4 @@
-"""Symmetric registration: the mean of registrations in both directions."""
+"""Symmetric registration: the mean of the registrations of A to B and of B to A."""
 
 from __future__ import annotations
 
@@ -194,7 +194,10 @@ class SymmetricTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Check the values as `RegistrationTask` does, and refuse initial maps from files."""
+        """Check the values as `RegistrationTask` does.
+
+        Raise an error for initial maps from files.
+        """
         RegistrationTask.check(values)
         initial = values.get("initial", "")
         if initial.startswith("file:") or initial.count(","):

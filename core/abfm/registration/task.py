@@ -176,7 +176,7 @@ class RegistrationTask(Task):
     options : mapping of str
         Other arguments of `abfm.registration.prepare`.
     parameters : mapping of str
-        Parameters that are given; the defaults of the others depend on the functions.
+        Parameters that the user set; the defaults of the others depend on the functions.
     max_distortion : float, optional
         See `abfm.registration.limit_distortion`.
     """
@@ -237,7 +237,7 @@ class RegistrationTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Check the parameters, and refuse a registration without functions and landmarks."""
+        """Check the parameters; raise an error if both functions and landmarks are missing."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0] and "landmarks" not in values:
             raise ParameterError(

@@ -22,7 +22,7 @@ from abfm.workers.progress import step
 Image = NDArray[np.uint8]
 _SIZE_DEFAULT = 2048  # texels along a side; about 100 texels for each of 40,000 faces
 _DEFAULT_SIZE_FACES_MAX = 40_000  # larger meshes get a texture of twice this size
-_CHUNK = 1 << 17  # texels between checkpoints
+_CHUNK = 1 << 17  # texels between two checks whether the task is paused or cancelled
 _COORDINATE_MAX = 1e6  # beyond it double precision does not distinguish pixels
 _REPEAT: tuple[Wrap, Wrap] = ("repeat", "repeat")
 

@@ -21,7 +21,7 @@ from abfm.sequences.solving.choosing import Norm
 from abfm.sequences.solving.solve import SequenceSolver
 
 _WRITE_SECONDS_MIN = 5.0  # smallest time between two writes
-_WRITE_TIME_RATIO = 20.0  # smallest time between writes over that of a write: it costs at most 5%
+_WRITE_TIME_RATIO = 20.0  # time between two writes, in units of one write: they take at most 5%
 _SUFFIX = ".unfinished"
 _KIND = results.FileKind(
     "checkpoint of a sequence",

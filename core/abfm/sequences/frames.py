@@ -51,9 +51,11 @@ class Frames:
 
     @cached_property
     def deviation(self) -> float:
-        """Root mean square, over frames, of the L2 deviation from the frame's mean.
+        """Size of the frames, the unit of a relative sigma.
 
-        It is taken on the mesh of unit area, over all channels. It is 1 if all frames are constant.
+        It is the root mean square, over frames, of the L2 norm of each frame minus its mean. The
+        mesh has
+        unit area, and all channels count. It is 1 if all frames are constant.
         """
         term = FunctionTerm(
             self.mesh.normalized(), self.values[0], self.values[0], self.mask, self.weights
@@ -142,9 +144,9 @@ def check_frames(
 
 
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
-    """Return the absolute sigma of an interval of a duration.
+    """Return the absolute sigma of an interval of this duration.
 
-    It makes the balance of the two energy terms equal for all durations.
+    It grows with the square root of the duration, so that both energy terms keep their balance.
     """
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))

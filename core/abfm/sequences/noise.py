@@ -14,14 +14,14 @@ NOISE_FACTOR = 1.3
 # A field explains too little if its residual exceeds this share of the initial residual, or of the
 # residual of a flattened function.
 _RESIDUAL_SHARE_MAX = 0.6
-_ROUNDED_RESIDUAL = 1e-9  # residuals up to this value are rounding, for example of constants
+_ROUNDED_RESIDUAL = 1e-9  # smaller residuals are rounding errors, for example of constants
 _RESIDUAL_OF_MEAN = 1.0
-"""Residual of the mean of the target.
+"""Residual of a source that is constant and equals the mean of the target.
 
 The residual of a bump in the wrong place is larger, and falls to this value if the flow only
 flattens the bump.
 """
-_ROUNDING = 1e-12  # relative to the largest value
+_ROUNDING = 1e-12  # rounding errors relative to the largest value
 
 
 def noise(
@@ -57,9 +57,11 @@ def noise_levels(frames: Frames) -> FloatArray:
 
 
 def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
-    """Return the largest residual that noise of levels (C, V) causes between two frames.
+    """Return the largest residual that noise alone causes between two frames.
 
-    It includes the square root of 2, as both frames have noise.
+    ``levels`` (C, V) are its standard deviations. As both frames have noise, it includes a factor
+    of
+    the square root of 2.
     """
     return float(np.sqrt(2) * functions.relative_size(levels))
 
@@ -67,7 +69,7 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
 def explains_too_little(functions: FunctionTerm, levels: FloatArray, residual: float) -> bool:
     """Return whether a field with this residual explains little of the change beyond noise.
 
-    The noise has levels (C, V).
+    ``levels`` (C, V) are the standard deviations of the noise.
     """
     first = functions.residual(functions.source)
     explained = _RESIDUAL_SHARE_MAX * min(first, _RESIDUAL_OF_MEAN)

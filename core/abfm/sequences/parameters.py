@@ -9,7 +9,7 @@ from abfm.errors import ParameterError, brief
 from abfm.parameters import FIELDS, Parameters, Settings
 
 AUTOMATIC_NAMES = ("alpha", "order")
-"""Parameters of the norm of fields that are chosen unless they are given; so is sigma."""
+"""Parameters of the norm of fields that held-out data choose, like sigma, if they are not given."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def defaults(
 
 
 def checked_parameters(parameters: SequenceParameters | None) -> SequenceParameters:
-    """Return the parameters of a sequence, or the defaults for None."""
+    """Return checked parameters of a sequence; the defaults for None."""
     if not isinstance(parameters, SequenceParameters | None):
         raise ParameterError(
             f"parameters is {brief(parameters)}; expected abfm.sequences.defaults(...)"

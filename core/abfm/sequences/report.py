@@ -100,9 +100,10 @@ def _speeds(sequence: Sequence) -> FloatArray:
 
 
 def _steep(sequence: Sequence) -> BoolArray:
-    """Return where the first frame of each solved interval is steeper than its root mean square.
+    """Return the faces on which the first frame of each solved interval is steep, (S, F).
 
-    The result is (S, F). On other faces, smoothness determines the field.
+    There its gradient exceeds its root mean square. On other faces, smoothness determines the
+    field.
     """
     mesh = sequence.mesh
     areas, derive = face_areas(mesh), gradient(mesh)
@@ -127,7 +128,7 @@ def interval_headline(sequence: Sequence, interval: int) -> str:
 
 
 def motion_text(sequence: Sequence) -> str:
-    """Return the share of motion in interpolated frames, or why it is unknown or 0."""
+    """Return the share of motion in interpolated frames as text, or why it is unknown or 0."""
     found = sequence.motion_share
     if math.isnan(found):
         why = (
@@ -143,7 +144,7 @@ def motion_text(sequence: Sequence) -> str:
 
 
 def uncertainty_text(sequence: Sequence) -> str:
-    """Return the median standard error of the fields, and the share that frames determine."""
+    """Return the median standard error of fields, and the share that frames determine, as text."""
     solved = sequence.solved
     error = float(np.median(sequence.speed_uncertainty[solved]))
     if not math.isfinite(error):

@@ -75,7 +75,10 @@ class Sequence(Solution, Display):
 
     @cached_property
     def facts(self) -> Facts:
-        """Reported facts of the sequence: good if at least half of its intervals are."""
+        """Facts of the sequence for reports.
+
+        Its outcome is good if at least half of its intervals are.
+        """
         numbers = (np.asarray(getattr(self, name)) for name in NUMBERS)
         return facts_of_intervals(self.verdicts, *numbers)
 
@@ -122,7 +125,7 @@ class Sequence(Solution, Display):
 
     @cached_property
     def motion_shares(self) -> FloatArray:
-        """Share of motion in interpolated frames, (T - 1,), from 0, the linear blend, to 1.
+        """Share of motion in interpolated frames, (T - 1,), from 0 (a linear blend) to 1.
 
         It is `motion_share` if that is known. Otherwise, for example for two frames, it is 1 for
         confirmed intervals and 0 for others. It is 0 for intervals whose verdict excludes a motion.
@@ -132,8 +135,9 @@ class Sequence(Solution, Display):
     def at(self, t: float) -> FloatArray:
         """Return the function at a time, (V,) or (V, C).
 
-        It is the linear blend of the frames before and after it, plus the interval's share
-        (`motion_shares`) of what motion along the field adds.
+        The linear blend of the frames before and after the time is changed by motion along the
+        field. The
+        change is multiplied by the share of the interval, see `motion_shares`.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -324,17 +328,20 @@ def sequence(
         + gamma/2 sum_i min(d_i, d_(i+1)) ||v_i - v_(i+1)||^2
 
     with the paper's norm of fields (Eq. 2) and the flow ``phi_i`` of ``v_i`` over its interval.
-    Sigma is in deviations of the frames. For small displacements this is optical flow on a surface
-    [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here without its linearisation.
+    Sigma is a multiple of the size of the frames (their root mean square without the means). For
+    small
+    displacements this is optical flow on a surface [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here
+    without its linearisation.
 
     Parameters
     ----------
     mesh : TriangleMesh, or any input of `abfm.load_mesh`
     frames : (T, V) or (T, V, C) array, or object
-        Vertices with a value that is not finite, in any frame, are not compared. Another axis may
-        be that of the vertices, by its length. If several axes fit, ``notes`` reports that the
-        second is used. Images of nibabel and nilearn, pandas objects and MNE's source estimates,
-        see `abfm.functions.as_values`, have a column for each frame.
+        Vertices with a value that is not finite, in any frame, are not compared. The axes may have
+        another order: the axis whose length is the number of vertices is that of the vertices. If
+        several axes fit, ``notes`` reports that the second is used. Images of nibabel and nilearn,
+        pandas objects and MNE's source estimates, see `abfm.functions.as_values`, have a column for
+        each frame.
     times : (T,) array, optional
         Ascending times in seconds. The default are those of a source estimate or an image, or else
         the frame numbers 0, 1, 2, ...

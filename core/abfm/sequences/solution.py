@@ -51,7 +51,7 @@ class Solution:
         Tangent vectors, in the mesh's length unit per unit of time.
     parameters : SequenceParameters
         The given parameters, with the ``alpha`` and ``order`` of the norm. ``automatic`` lists
-        those that were chosen, and ``sigma`` is None if it was chosen.
+        those that held-out data chose, and ``sigma`` is None if held-out data chose it.
     gamma : float
         Weight of the difference between neighbouring fields.
     residual, verified_residual, folded : (T - 1,) array
@@ -63,14 +63,15 @@ class Solution:
     verdicts : tuple of Verdict
         The verdict of each interval.
     motion_share : float
-        Frames between two others are their linear blend plus this share of what motion along the
-        fields adds. It is the share that best explains held-out frames, from 0 to 1, or NaN if
+        Between two frames, the function is their linear blend, changed by this share of the motion
+        along the fields. It is the share that best explains held-out frames, from 0 to 1, or NaN if
         unknown. See `motion_shares`.
     has_motion : bool
         False if held-out frames show that the fields are not a motion, for example in a standing
         wave.
     sigma : float
-        Sigma of all intervals, in deviations of the frames, or absolute as given by the parameters.
+        Sigma of all intervals. It is relative to the size of the frames, or absolute if the
+        parameters have an absolute ``sigma_unit``.
     """
 
     _frames: Frames = field(repr=False)
@@ -78,7 +79,7 @@ class Solution:
     parameters: SequenceParameters = field(repr=False)
     gamma: float
     sigma: float
-    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3)
+    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3), see `IntervalMeasures`
     residual: FloatArray = field(repr=False)
     verified_residual: FloatArray = field(repr=False)
     folded: FloatArray = field(repr=False)
@@ -93,7 +94,6 @@ class Solution:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user about the frames, one line each."""
         return self._frames.notes
 
     @property

@@ -247,7 +247,7 @@ class SequenceTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Refuse parameters that sequences do not support, or that contradict each other."""
+        """Raise an error for parameters that sequences do not support, or that are inconsistent."""
         defaults(**parameters_in(values))
         numbers = [number for number, _ in values.get("channel", ())]
         for number in numbers:

@@ -77,8 +77,7 @@ class Posterior(NamedTuple):
 def posterior(sequence: Solution) -> Posterior:
     """Return the covariances of the fields of a sequence, and the shares that frames determine.
 
-    Covariances are infinite if no interval determines a field: all frames are constant, or no
-    interval was solved.
+    Covariances are infinite if all frames are constant or no interval was solved.
     """
     shape = sequence.velocity.shape[:2]
     found = Posterior(np.full((*shape, 2, 2), np.inf), np.zeros(shape))
@@ -152,8 +151,9 @@ def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, Flo
 def _slopes(sequence: Solution, interval: int) -> FloatArray:
     """Return products of the slopes of two consecutive frames at vertices, (V, 6).
 
-    The earlier frame is advected to the later one, and the mesh has unit area. As their noise is
-    independent, it does not bias the products.
+    The earlier frame is advected to the later one, and the mesh has unit area. The noise of both
+    frames
+    is independent, so it does not bias the products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
     mean, derive = averaging(mesh), gradient(mesh)
@@ -174,7 +174,7 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 def _length(sequence: Solution, precision: float) -> float:
     """Return the length, in sqrt(area), over which the norm averages data of a precision.
 
-    It is the length of the mode of equal stiffness, and at least an edge.
+    It is the wavelength at which norm and data are equally stiff, and at least an edge.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
     excess = max(precision, 0.0) ** (1 / parameters.order) - 1
@@ -186,7 +186,7 @@ def _length(sequence: Solution, precision: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Integrals:
-    """Integrals over wave numbers and means over modes in time, by the data's precision."""
+    """Integrals over wave numbers and means over modes in time, by the precision of the data."""
 
     weights: FloatArray  # (K,)
     stiffness: FloatArray  # (K, M)
@@ -218,7 +218,7 @@ class _Integrals:
         return self._integrated(lambda p, d: d / (p + d), precision)
 
     def scatter(self, precision: FloatArray) -> FloatArray:
-        """Return the variance caused by noise of variance 1."""
+        """Return the variance of the field that noise of variance 1 causes."""
         return self._integrated(lambda p, d: d / (p + d) ** 2, precision)
 
     def _integrated(

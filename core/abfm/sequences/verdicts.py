@@ -19,7 +19,7 @@ from abfm.sequences.solving.solve import IntervalMeasures
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-# a larger share of the deviation (three quarters of the variance) counts as pure noise
+# noise with a larger share of the standard deviation (three quarters of the variance) is pure noise
 _NOISE_SHARE_MAX = 0.85
 # structures across fewer edges are hardly advected, and look like noise
 _RESOLVED_EDGES_MIN = 2.0
@@ -78,7 +78,8 @@ def verdict_of(
 ) -> Verdict:
     """Return the verdict of an interval.
 
-    It is that of any match, except that a residual within noise of levels (C, V) is accepted.
+    It is the verdict of a match. In addition, a residual within the noise is accepted; ``levels``
+    (C, V) are the standard deviations of the noise.
     """
     functions = problem.functions
     if not found:
@@ -109,7 +110,7 @@ def verdict_of(
 
 
 def without_determined_motion(verdict: Verdict) -> Verdict:
-    """Return the verdict of an interval if held-out frames show that no motion is determined."""
+    """Return the verdict of an interval whose motion held-out frames do not confirm."""
     if not verdict.kind.is_good:
         return verdict
     return replace(verdict.with_cause(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
@@ -126,7 +127,7 @@ _WITHOUT_MOTION = (
 
 
 def allows_motion(verdict: Verdict) -> bool:
-    """Return whether the verdict of an interval does not exclude a motion."""
+    """Return whether the verdict of an interval allows its field to be a motion."""
     return verdict.cause not in _WITHOUT_MOTION
 
 
@@ -146,16 +147,16 @@ def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
 
 
 def _noise(functions: FunctionTerm) -> str:
-    """Return the ``noise`` of the sentences of `Cause`: noise alone, or also narrow details.
+    """Return the ``noise`` in sentences of `Cause`: noise alone, or also narrow details.
 
-    Where edges are long, such as those of slivers, details within one edge look like noise.
+    On a mesh with long edges, such as those of slivers, details within one edge look like noise.
     """
     is_coarse = narrowest(functions) < _RESOLVED_EDGES_MIN
     return "noise or details narrower than edges" if is_coarse else "noise"
 
 
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
-    """Return the reason why a field explains little, by the check with the larger residual.
+    """Return why a field explains little of the change, by the check with the larger residual.
 
     The change is not a motion only if both checks explain little and the mesh resolves the
     functions.

@@ -10,12 +10,12 @@ from abfm.reading import number
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.wording import counted
 
-_CORNERS_MAX = 1 << 18  # of one polygon
+_CORNERS_MAX = 1 << 18  # largest number of corners of a polygon
 _CHUNK_CORNERS = 1 << 15  # number of corners processed together; they fit the CPU caches
-# sum over clipped polygons of the squared number of corners; the limit takes some seconds
+# limit of the sum of squared numbers of corners over clipped polygons; it takes some seconds
 _WORK_MAX = 2e8
 _WORK_PER_CORNER = 30
-_FLATNESS = 1e-12  # twice the area over the longest side squared
+_FLATNESS = 1e-12  # twice the area of a flat triangle over its longest side squared
 _SPLIT = "Split polygons into triangles in the program that made them"
 
 
@@ -127,7 +127,7 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
         place += 1
     split = "polygons with more than three corners were split into triangles"
     messages = [f"{split}: {np.sum(sizes > 3)}"]
-    if corners.min() >= 0 and corners.max() < len(vertices):  # else the mesh is refused later
+    if corners.min() >= 0 and corners.max() < len(vertices):  # else a later check raises an error
         crossing = _clip(vertices, sizes, corners, faces)
         if len(crossing):
             phrases = "polygon intersects itself", "polygons intersect themselves"

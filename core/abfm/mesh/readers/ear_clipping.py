@@ -45,7 +45,8 @@ def clip_polygons(
 def _clip_ears(points: FloatArray) -> IndexArray:
     """Return the triangles (n - 2, 3) of corners (n, 2), or fewer if no ears remain.
 
-    The most even ear is cut first. Flat ears wait, as cutting their neighbours may improve them. A
+    The most even ear is cut first. Flat ears wait, because cutting their neighbours may improve
+    them. A
     simple polygon always has an ear; one that intersects itself may have none. Each cut affects
     only the two neighbouring corners. The time grows with the square of n.
     """
@@ -80,7 +81,7 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
     """Return the evenness of the triangle at a corner, or 0 if the corner is not an ear.
 
-    It is twice the area over the squared length of the longest side.
+    The evenness is twice the area over the squared length of the longest side.
     """
     area = _turn(points, a, b, c)
     if area <= 0:
@@ -110,5 +111,4 @@ def _turn(points: FloatArray, a: int, b: int, c: int) -> float:
 
 @kernel
 def _distance(points: FloatArray, a: int, b: int) -> float:
-    """Return the squared distance of two points."""
     return float((points[a, 0] - points[b, 0]) ** 2 + (points[a, 1] - points[b, 1]) ** 2)

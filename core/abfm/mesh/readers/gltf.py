@@ -89,7 +89,7 @@ def shaped(
 ) -> tuple[FloatArray, bool]:
     """Return the vertices (n, 3) of a part placed by a node, and whether they are mirrored.
 
-    A skin replaces the transformation of the node. Raise a ValueError if the data are invalid.
+    A skin replaces the transformation of the node. ValueError if the data are invalid.
     """
     points = _morphed(document, part, node)
     if (skin := of(node, "skin", int, None)) is not None:

@@ -39,7 +39,7 @@ _SHAPES |= {
 }
 
 
-_TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}  # of JSON
+_TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}  # in JSON
 
 
 def of(entry: Any, name: str, kind: type, default: Any) -> Any:
@@ -163,7 +163,7 @@ class Document:
             if not isinstance(entry, dict):
                 raise ValueError(f"mesh {mesh} has a primitive that is not a JSON object")
             positions = of(of(entry, "attributes", dict, {}), "POSITION", int, None)
-            if positions is None:  # an invisible primitive
+            if positions is None:  # the primitive is invisible
                 continue
             indices, mode = of(entry, "indices", int, None), of(entry, "mode", int, TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN):
@@ -331,7 +331,6 @@ class Document:
 
 
 def _chunks(data: bytes) -> tuple[bytes, bytes]:
-    """Return the JSON and binary chunk of a .glb file."""
     if len(data) < 20:
         raise ValueError("the file is too short for binary glTF; it may be cut off")
     magic, version, length, json_length, kind = struct.unpack_from("<5I", data)
@@ -363,7 +362,6 @@ def _faces(corners: IntArray, mode: int) -> IntArray:
 
 
 def _matrix(node: dict[str, Any], index: int) -> FloatArray:
-    """Return the transformation (4, 4) of a node relative to its parent."""
     matrix = numbers_of(node, "matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
     if "translation" in node:
         moved = np.eye(4)

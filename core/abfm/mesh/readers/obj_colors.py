@@ -88,7 +88,6 @@ class _Lines:
 
 
 def _read_mtl(references: References, name: str) -> dict[str, Material]:
-    """Return the materials of an MTL file by name."""
     found: dict[str, Material] = {}
     current = None
     for keyword, words in obj_lines(references.read(name)):

@@ -21,7 +21,7 @@ _HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
 _ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
 _BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE)
 _COMMENT = re.compile(r"#[^\n]*+")
-_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # after the other counts
+_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # count that follows the others
 _NORMAL_COLUMNS = 3
 _COLOR_COLUMNS = (4, 3)  # with and without opacity
 _TEXTURE_COLUMNS = 2
@@ -56,7 +56,7 @@ def read_off(opened: Opened) -> FileContents:
 class _Text:
     """Body of a text file after the counts: usually one vertex or face on each line.
 
-    Lines may also break anywhere, which `contents` finds by trial.
+    Lines may also break anywhere; the method `contents` tries both layouts.
     """
 
     def __init__(self, text: str, begin: int, prefix: str, counts: tuple[int, int]) -> None:
@@ -88,7 +88,7 @@ class _Text:
         return _contents(*found)
 
     def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
-        """Return whether the faces are possible; if not, lines do not end as assumed."""
+        """Return whether the faces are valid; otherwise lines do not end as assumed."""
         smallest, largest = corners.min(initial=0), corners.max(initial=-1)
         return bool(sizes.min(initial=3) >= 3 and smallest >= 0 and largest < len(points))
 
@@ -154,7 +154,7 @@ class _Text:
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
-    """Return the numbers of columns of a vertex: its coordinates, the minimum, and the options."""
+    """Return the numbers of columns of a vertex: its coordinates, the minimum, and all options."""
     columns = 4 if "4" in prefix else 3
     width = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
     widths = tuple(width + color for color in _COLOR_COLUMNS) if "C" in prefix else (width,)
@@ -171,8 +171,6 @@ def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileCon
 
 
 class _Rows:
-    """Iterator of the words of each line that is not empty."""
-
     def __init__(self, text: str, begin: int) -> None:
         self._text, self.end = text, begin
         """The end of the last line that was returned."""

@@ -10,12 +10,12 @@ from abfm.reading import Opened, decoded, integer
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-_HEAD = 1000  # number of characters in which a binary file has a zero byte
+_HEAD = 1000  # a binary file has a zero byte in this number of characters
 _COMMENT = re.compile(r"#.*")  # to the end of its line, even after a backslash
-_OLD_KEYWORDS = {"fo": "f"}  # of OBJ
+_OLD_KEYWORDS = {"fo": "f"}  # OBJ keywords of old files
 _STL_HEADER = 84  # bytes: 80 of a comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
-# possessive, with blanks only on the same line, so that the time is linear in the file size
+# possessive quantifiers, and blanks only on the same line, make the time linear in the file size
 _STL_VERTEX = re.compile(
     r"^[^\S\n]*+vertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE | re.MULTILINE
 )
@@ -100,8 +100,9 @@ def _binary_corners(data: bytes, count: int) -> FloatArray:
 def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
     """Return the number of triangles, and messages, if header and length of the file disagree.
 
-    The header is taken to be wrong if it announces no triangles, or if all bytes form complete
-    triangles, as in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
+    The length counts if the header announces no triangles, or if all bytes form complete triangles,
+    as
+    in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
     """
     size = _STL_TRIANGLE.itemsize
     if body < size:

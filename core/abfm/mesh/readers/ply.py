@@ -32,9 +32,9 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:\r\n|\n|\r)[ \t]*+end_header\b[^\r\n]*+(\r\n|\n|\r|\Z)")
 _COMMENT = re.compile(rb"^[ \t]*+comment\b[^\r\n]*+", re.MULTILINE)
 _CORNERS = ("vertexindex", "vertexindices", "vertexindexs", "vertices")
-"""Without underscores, in lower case."""
+"""Names of the list of corners of a face, without underscores, in lower case."""
 _COLORS = ("red", "green", "blue", "alpha")
-_WHITES = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}  # by the type of a colour
+_WHITES = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}  # value of white by type of the colour
 _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 # the code of each type in Python's struct module
@@ -43,7 +43,7 @@ _INTEGER_MAX = 2.0**53  # doubles above it do not represent every integer
 
 
 class _Property(NamedTuple):
-    """A column of an element: a number, or a list of numbers after its length."""
+    """A column of an element of a PLY file: a number, or a list of numbers after its length."""
 
     name: str
     code: str
@@ -84,7 +84,7 @@ def read_ply(opened: Opened) -> FileContents:
 def ply_contents(opened: Opened) -> PlyFile:
     """Read a PLY file with the values of its vertices; raise a ValueError if it is invalid."""
     data = opened.data
-    if not data.startswith(b"ply"):  # text in another encoding
+    if not data.startswith(b"ply"):  # the text has another encoding
         data = decoded(data, "replace").encode()
     end = _END.search(data)
     begins = data.startswith(b"ply")
@@ -102,7 +102,7 @@ def ply_contents(opened: Opened) -> PlyFile:
         found = _contents(body, elements)
     except ValueError as error:
         reason = error
-    if found is None or not body.is_at_end:  # rows may have more words than announced
+    if found is None or not body.is_at_end:  # rows have more words than announced
         with suppress(ValueError):
             return _contents(_Body(_announced_words(data[start:], elements), 0, order), elements)
     if found is None:
@@ -204,7 +204,7 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return the announced words of each row, if each row is a line, without further words."""
+    """Return the announced words of each row without further words, if each row is one line."""
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
@@ -236,9 +236,9 @@ class _Body:
         return self._position == len(self._data)
 
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the wanted properties of the next element, the last one of each name.
+        """Return the wanted properties of the next element; of equal names, the last one.
 
-        Raise a ValueError if the file is cut off, or if the length of a list is negative.
+        ValueError if the file is cut off, or if the length of a list is negative.
         """
         step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
         if element.rows * step > len(self._data) - self._position:

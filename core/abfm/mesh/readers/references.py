@@ -27,12 +27,9 @@ class References:
     def read(self, name: str) -> bytes:
         """Return the bytes of a file; each file is read once.
 
-        Raises
-        ------
-        OSError
-            If the file cannot be read.
-        ValueError
-            If it is outside the folder, or the files are too large.
+        OSError if the file cannot be read. ValueError if it is outside the folder, or if the files
+        are too
+        large.
         """
         path = self.find(name)
         if path not in self._contents:
@@ -43,7 +40,7 @@ class References:
         return self._contents[path]
 
     def spend(self, count: int, what: str) -> None:
-        """Subtract bytes from the budget, or raise a ValueError if it is exceeded."""
+        """Subtract bytes from the budget; raise a ValueError if it is exceeded."""
         self._budget -= count
         if self._budget < 0:
             raise ValueError(

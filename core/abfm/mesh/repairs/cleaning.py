@@ -18,11 +18,11 @@ from abfm.mesh.topology import connected, edges_of_faces, equal_rows
 from abfm.types import BoolArray, IntArray
 from abfm.wording import counted
 
-# shortest over longest side of a face without area, up to which the ends of that side are merged
+# the ends of the shortest side are merged up to this ratio to the longest side
 _ASPECT_RATIO_MAX = 1e-6
 _FLAT_FACES_MAX = 100_000  # if more faces have no area, all are kept
 _ROUNDS_MAX = 5
-_SPLITS_EACH_MAX = 20  # neighbours split for each face without area
+_SPLITS_EACH_MAX = 20  # mean number of neighbours split for each face without area
 _NO_FACE_MESSAGE = "no face remains after the mesh was cleaned. Use a file of a surface"
 
 

@@ -9,9 +9,9 @@ from abfm.mesh.topology import connected
 from abfm.reading import HEMISPHERES
 from abfm.types import BoolArray, FloatArray, IntArray
 
-_AREA_RATIO_MIN = 0.85  # the smaller over the larger area of two hemispheres
-_AREA_SHARE_MIN = 0.9  # the area of both over that of all components
-_DISTANCE_MIN = 0.5  # distance of the middles along an axis over the mean width
+_AREA_RATIO_MIN = 0.85  # least ratio of the smaller to the larger area of two hemispheres
+_AREA_SHARE_MIN = 0.9  # least share of both hemispheres in the area of all components
+_DISTANCE_MIN = 0.5  # least distance of their middles along an axis, over the mean width
 _PLACES = {"L": "first", "R": "second"}
 _CONVENTION = " (the order of Connectome Workbench and nilearn)"
 
@@ -32,7 +32,7 @@ def keep_largest_component(draft: Draft) -> None:
 
 
 def keep_hemisphere(draft: Draft, side: str) -> str:
-    """Keep the components of one hemisphere; see `hemispheres`.
+    """Keep the components of one hemisphere, see `hemispheres`.
 
     A surface of one component is not changed. If the hemispheres are ordered by their place in the
     file, return a text about it, else an empty one.
@@ -60,7 +60,7 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
 
 
 def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:
-    """Return whether each face (F,) belongs to the left hemisphere, or None without hemispheres.
+    """Return whether each face (F,) belongs to the left hemisphere; None without hemispheres.
 
     The hemispheres are two large components of similar area. The left one has the smaller x; every
     other component belongs to the hemisphere with the closer middle. Hemispheres at the same place,

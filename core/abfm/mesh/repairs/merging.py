@@ -9,16 +9,17 @@ from abfm.mesh.topology import connected, equal_rows
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-RELATIVE_DISTANCE = 1e-6  # of the diagonal of the bounding box
+RELATIVE_DISTANCE = 1e-6  # default distance, over the diagonal of the bounding box
 _PAIRS_MAX = 30_000_000
 
 
 def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> None:
     """Merge vertices that are connected by steps of at most a distance into the first of them.
 
-    If the distance is True, it is 1e-6 of the diagonal of the bounding box. Unless faces
-    ``may_collapse``, it is then at most half the shortest edge. Another distance must be smaller
-    than the shortest edge, or than the median one if faces may collapse.
+    If the distance is True, it is 1e-6 of the diagonal of the bounding box. If faces must not
+    collapse
+    (``may_collapse``), it is also at most half the shortest edge. A number must be smaller than the
+    shortest edge, or than the median one if faces may collapse.
     """
     first, place = equal_rows(draft.vertices)
     points = draft.vertices[first]

@@ -30,7 +30,7 @@ _MAP_DISTANCE_MIN = 0.4  # distance over sqrt(size) below which functional maps 
 
 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:
-    """Return at most ``most`` different functional maps, sorted by their defects.
+    """Return at most ``most`` different functional maps, in the order of `Spectra.defect`.
 
     Their size is `MAP_SIZE`, or the number of eigenfunctions if that is smaller. ``others`` are
     additional starts of the search.

@@ -34,7 +34,7 @@ from abfm.types import FloatArray, IntArray
 from abfm.wording import counted
 from abfm.workers.progress import step
 
-VERTICES_MAX = 5000  # for the search; larger meshes are coarsened
+VERTICES_MAX = 5000  # larger meshes are coarsened for the search
 VERTICES_MIN = 60  # smaller meshes have too few eigenfunctions
 _K_FINAL = 120  # eigenfunctions of the final map
 _K_COMPARED = 40  # eigenfunctions for the comparison of candidates
@@ -42,12 +42,13 @@ _K_DESCRIBED = 20  # eigenfunctions of the map by descriptors
 _REFINING_SAMPLES = 1200  # points of each surface for the refinement
 _SEARCH_SAMPLES = 300  # points of each surface for the search
 _REFINED_CANDIDATES = 24  # candidates that are refined and compared
-_FINAL_ITERATIONS = 2  # with all vertices
-# Weights relative to the defect of a map as an isometry. With them the correct one of nearly
-# symmetric maps was chosen for all of 22 pairs of bodies in different poses, 21 of different people
+_FINAL_ITERATIONS = 2  # iterations with all vertices
+# Weights relative to the defect of a map as an isometry. With them, the correct one of nearly
+# symmetric maps was chosen for all of 22 pairs of bodies in different poses. In 21 of these pairs,
+# the bodies are of different people.
 _SIDE_WEIGHT = 0.2
 _BENDING_WEIGHT = 0.5
-_LANDMARK_WEIGHT = 5.0  # for a distance of sqrt(area) between landmarks
+_LANDMARK_WEIGHT = 5.0  # weight of a landmark error of sqrt(area)
 
 
 class SpectralSearch:
@@ -56,7 +57,9 @@ class SpectralSearch:
     The search compares distances along the surfaces, not their bending. If a surface is nearly
     symmetric, several maps are nearly isometries. Maps that preserve the orientation rank first,
     which distinguishes left from right. Maps with smaller differences of mean curvature rank first,
-    which distinguishes front from back.
+    which distinguishes front from back. AbfmError if a mesh has too few vertices, or a function
+    does
+    not fit its mesh.
 
     Parameters
     ----------
@@ -69,11 +72,6 @@ class SpectralSearch:
     ----------
     maps : list of (k, k) arrays
         Functional maps in the first eigenfunctions of the meshes, or of coarser meshes.
-
-    Raises
-    ------
-    AbfmError
-        If a mesh has too few vertices, or a function does not fit its mesh.
     """
 
     maps: list[FloatArray]
@@ -115,7 +113,7 @@ class SpectralSearch:
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return the deviation of a map from an isometry and from landmarks and functions."""
+        """Return how far a map is from an isometry and from given landmarks and functions."""
         return self._criteria.defect(C, side)
 
     def side(self, C: FloatArray) -> float:
@@ -123,10 +121,9 @@ class SpectralSearch:
         return self._spectra.side(C)
 
     def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
-        """Return the images (Q,) of Q points of B among P points of A.
+        """Return the images of Q points of B among P points of A: the numbers (Q,) of points of A.
 
-        ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area. The
-        result is the number of a point of A for each point of B.
+        ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area.
         """
         rows = [
             project_onto_surface(mesh, places * fine.length_scale).pull_back(
@@ -156,7 +153,6 @@ class _Criteria(NamedTuple):
     curvatures: tuple[FloatArray, FloatArray]  # coefficients (k,) of the mean curvature
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return the defect of a map, see `SpectralSearch.defect`."""
         found = self.spectra.defect(C)
         found += _SIDE_WEIGHT * (1 - side * self.spectra.side(C))
         found += _BENDING_WEIGHT * _relative_error(C, *self.curvatures)
@@ -180,7 +176,7 @@ def _relative_error(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
 
 
 def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
-    """Coarsen a mesh that is too fine for the search, and refuse one that is too coarse."""
+    """Coarsen a mesh that is too fine for the search; raise an error if it has too few vertices."""
     if len(mesh.vertices) < VERTICES_MIN:
         raise AbfmError(
             f"{which} has {len(mesh.vertices)} vertices; a map by eigenfunctions needs at least "

@@ -24,13 +24,13 @@ from abfm.wording import counted
 
 LANDMARKS_MIN = 3
 """Smallest number of landmarks that determine an initial map."""
-LANDMARK_WEIGHT = 5.0  # of a distance of sqrt(area) in the cost of a map
+LANDMARK_WEIGHT = 5.0  # cost of a mean landmark error of sqrt(area)
 # Costs in units of correlation. Subjects on the same mesh are mostly aligned already, so another
-# map must be clearly better than vertex numbers
+# map must be clearly better than that by vertex numbers.
 _ROTATION_COST = 0.4
 _MIRROR_COST = 0.1
-_RIVAL_RATIO = 0.9  # of the correlation, above which another rotation is as good
-_CORRELATION_MIN = 0.3  # of functions on corresponding spheres
+_RIVAL_RATIO = 0.9  # another rotation with this share of the best correlation is as good
+_CORRELATION_MIN = 0.3  # least correlation of functions on corresponding spheres
 
 sphere_of = per_mesh(sphere_embedding)  # cached with the mesh, for calls with other functions
 

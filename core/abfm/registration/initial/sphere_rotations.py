@@ -22,17 +22,17 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_ROTATIONS = 20_000  # with a spacing of about 9 degrees
-_CELLS = (400, 1600, 6400)  # 10, 5 and 2.5 degrees wide; at most the number of vertices
+_ROTATIONS = 20_000  # number of rotations that are tried, about 9 degrees apart
+_CELLS = (400, 1600, 6400)  # numbers of cells, which are 10, 5 and 2.5 degrees wide
 _REFINED_ROTATIONS = 12  # rotations that are refined
 _ROTATIONS_AT_ONCE = 500  # rotations in memory
 _ROTATION_ANGLE_MIN = np.radians(12)  # closer rotations count as one
-_SIMPLEX_SIZES = np.radians((6, 3, 1.5))  # radians, at the start, for each number of cells
-_LATITUDES = 180  # of the tables
+_SIMPLEX_SIZES = np.radians((6, 3, 1.5))  # first size of the simplex for each number of cells
+_LATITUDES = 180  # rows of the tables
 _SIGN_WEIGHT = 0.9  # factor of negative correlations
-_EQUAL_CORRELATION_SHARE = 0.99  # of the best, for which the spheres are not rotated
-_CONSTANT = 1e-9  # of the largest value: smaller deviations from the mean are rounding errors
-_SPREAD_MIN = 1e-6  # of the landmarks' directions: less does not determine a rotation
+_EQUAL_CORRELATION_SHARE = 0.99  # with this share of the best correlation, nothing is rotated
+_CONSTANT = 1e-9  # functions that vary less, relative to their largest value, are constant
+_SPREAD_MIN = 1e-6  # landmarks whose directions vary less do not determine a rotation
 
 
 class SphereRotation(NamedTuple):
@@ -216,7 +216,7 @@ class _Level:
                 products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0
             )
             score += weight * np.maximum(correlation, -opposite * correlation)
-        # the score is reduced where the masks leave little to compare
+        # the score is reduced if both masks have little area in common
         overlap = np.minimum(1, 2 * total[:, 0] / self._weight_max)
         return np.asarray(score / self._weights.sum() * overlap)
 

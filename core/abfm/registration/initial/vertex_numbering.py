@@ -10,8 +10,10 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _LANDMARKS_MIN = 3
-_LANDMARKS_MAX = 30  # of more landmarks this many are compared
-_COST_RATIO = 0.5  # on human shapes, shifting correct landmarks gives a ratio of at least 0.54
+_LANDMARKS_MAX = 30  # largest number of landmarks that are compared
+# a warning is issued if the other first number lowers the cost below this share. For correct
+# landmarks on human shapes, the share is at least 0.54.
+_COST_RATIO = 0.5
 
 
 def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) -> float:

@@ -1,4 +1,4 @@
-"""Evidence for a motion: whether the motion between two frames explains a held-out frame."""
+"""Evidence for motion: whether the motion between two frames explains a frame between them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from abfm.workers.progress import stepped
 
 _HELD_OUT_FRAMES_MAX = 3
 _MOTION_SHARE_MIN = 0.5
-"""Smallest share of a motion, beyond the standard errors caused by noise."""
+"""Smallest share of motion that counts as motion, within two standard errors of the noise."""
 _STANDARD_ERRORS = 2.0
 _COSINE_MIN = 0.5
 """Smallest cosine between the rates of change of a frame by two fields of the same motion."""
@@ -36,8 +36,9 @@ class MotionEvidence(NamedTuple):
     Attributes
     ----------
     share : float
-        Share of what motion adds to the blend of two frames that best explains the frame between
-        them. From 0 to 1; NaN if unknown.
+        Factor, from 0 to 1, of the change that motion makes to the linear blend of two frames. It
+        is
+        the factor that best explains a held-out frame between them. NaN if unknown.
     is_motion : bool
         False if motion certainly does not explain the held-out frames.
     """
@@ -83,7 +84,10 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
 
 
 class _Evidence(NamedTuple):
-    """Sums over a held-out frame; ``variance`` is that of ``product``, caused by noise."""
+    """Sums over a held-out frame.
+
+    ``variance`` is the variance of ``product`` that noise causes.
+    """
 
     product: float
     square: float
@@ -111,7 +115,7 @@ def _middles(solver: SequenceSolver) -> list[int]:
 
 
 def _counts(frames: Frames) -> FloatArray:
-    """Return the square root of the weight of each value, (V, C)."""
+    """Return the square roots of the weights of values (area, mask and channel), (V, C)."""
     areas = vertex_areas(frames.mesh.normalized())
     if frames.mask is not None:
         areas = areas * frames.mask

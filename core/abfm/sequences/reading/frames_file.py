@@ -85,7 +85,7 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
 
 
 def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
-    """Refuse a table (V, T) whose first column numbers its rows."""
+    """Raise an error for a table (V, T) whose first column has the numbers of its rows."""
     count = len(given)
     for begin in (0, 1):
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):

@@ -75,7 +75,7 @@ def read_frames(
 
 
 def _noted(found: FramesFile) -> FramesFile:
-    """Return frames with a note of the number of vertices that are not compared."""
+    """Return frames with a note on the number of vertices that are not compared."""
     bad = ~np.isfinite(found.values)
     if not bad.any():
         return found

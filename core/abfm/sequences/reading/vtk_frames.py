@@ -32,17 +32,17 @@ from abfm.wording import counted
 from abfm.workers.progress import stepped
 
 _NUMBERED_NAME = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
-_KEYS = ("name", "time")  # of a file in a .series
-# relative to the mesh's size; a larger distance of points from the vertices is reported
+_KEYS = ("name", "time")  # keys of a file in a .series
+# a larger distance of points from the vertices, relative to the mesh's size, is reported
 _DISTANCE_MAX = 1e-3
 
-_FRAMES_PER_FILE_MAX = 100  # on average; a malicious list may name one file very often
+_FRAMES_PER_FILE_MAX = 100  # mean over files; a malicious list may name one file very often
 
 TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Points (n, 3) of a file, one array of its point data (n, C) with its name, and its time.
+    """Points (n, 3) of a file, an array of its point data (n, C) with its name, and its time.
 
     The time is NaN if the file has none.
     """
@@ -56,12 +56,7 @@ class Grid(NamedTuple):
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
     """Read point data of frames: a .pvd, a .series, or one of several numbered .vtu or .vtp files.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    ValueError
-        If a file is not valid.
+    OSError if a file cannot be read, ValueError if it is not valid.
     """
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
@@ -122,9 +117,9 @@ _LISTS: dict[Format, Callable[[Path], list[TimedFile]]] = {
 
 
 def files_of_frames(path: str) -> list[str]:
-    """Return the files of a VTK list, or of a numbered file, by the ending of its name.
+    """Return the files of a VTK list, or the files that differ from a numbered file in its number.
 
-    The list is empty for other files, and for files that cannot be read.
+    The list is empty for files with another ending, and for files that cannot be read.
     """
     file = Path(os.path.expanduser(path))
     form = ENDINGS.get(file.suffix.lower())

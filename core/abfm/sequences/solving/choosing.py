@@ -28,17 +28,17 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 SIGMA_MAX = 9.0
-"""First sigma of a search without a start, in deviations of the frames."""
+"""First sigma of a search without a start, relative to the size of the frames."""
 SIGMA_MIN = 0.1
 """Smallest sigma that is tried if none is given."""
 _INTERVALS = 3  # number of intervals with held-out patches
-_ITERATIONS = 3  # of Gauss-Newton for each sigma
+_ITERATIONS = 3  # Gauss-Newton iterations for each sigma
 _GAIN_SHARE_MIN = 0.001  # smallest gain, as a share of the explained held-out variance
-# if all sigmas leave a larger share of the initial residual, a long-range match is tried
+# a long-range match is tried if all sigmas have a larger residual, relative to the initial one
 _RESIDUAL_LARGE = 0.6
 # a norm is tried with several sigmas if its residual is within this ratio of the smallest
 _RESIDUAL_RATIO_MAX = 1.05
-_LONG_RANGE = Parameters.of(sigma=0.3, segments=1, refine=0)  # of a long-range match
+_LONG_RANGE = Parameters.of(sigma=0.3, segments=1, refine=0)  # parameters of long-range matches
 
 
 class Norm(NamedTuple):
@@ -60,7 +60,7 @@ NORMS = (Norm(2, 0.1), Norm(2, 0.3), Norm(2, 0.03), Norm(1, 1.0))
 
 
 def norms(given: SequenceParameters) -> list[Norm]:
-    """Return the norms to choose from: those in `NORMS` with the given values."""
+    """Return the norms to choose from: those of `NORMS` that agree with the given parameters."""
     is_free = {name: name in given.automatic for name in ("order", "alpha")}
     found = [
         Norm(norm.order, norm.alpha if is_free["alpha"] else given.alpha)
@@ -71,7 +71,10 @@ def norms(given: SequenceParameters) -> list[Norm]:
 
 
 class _ChoiceInput(NamedTuple):
-    """The input of the choice; ``levels`` (C, V) are those of the noise at vertices."""
+    """The input of the choice.
+
+    ``levels`` (C, V) are the standard deviations of the noise at vertices.
+    """
 
     frames: Frames
     parameters: SequenceParameters
@@ -88,10 +91,11 @@ class _ChoiceInput(NamedTuple):
 def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -> Choice:
     """Return the norm with the smallest residual on held-out patches, and sigma.
 
-    The patches are in a few intervals. Sigma is the largest that explains nearly as much with this
-    norm as its best sigma.
-
-    ParameterError if sigma is not given, and there are too few vertices to hold any out.
+    The patches are in a few intervals. Sigma is the largest one that, with this norm, explains
+    nearly
+    as much as the best sigma. ParameterError if sigma is not given, and there are too few vertices
+    to
+    hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     given_norm = Norm(given.order, given.alpha)
@@ -150,14 +154,17 @@ class _HeldOut:
         return self._residuals[self._best_sigma]
 
     def largest_sigma(self) -> float:
-        """Return the largest sigma whose residual is hardly larger than the best one."""
+        """Return the largest sigma whose residual is hardly larger than the smallest one."""
         enough = self.best_residual**2 + _GAIN_SHARE_MIN * max(
             self.initial_residual**2 - self.best_residual**2, 0.0
         )
         return max(sigma for sigma, residual in self._residuals.items() if residual**2 <= enough)
 
     def scan(self, report: Callable[[float], None]) -> None:
-        """Decrease sigma until the residual grows; if it stays large, search at long range."""
+        """Decrease sigma until the residual grows.
+
+        If the residual stays large, search again from long-range matches.
+        """
         self._descend(report)
         if self.best_residual > max(
             _RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise
@@ -185,8 +192,9 @@ class _HeldOut:
     def start_near(self, other: _HeldOut, best: float) -> None:
         """Start from the fields of another norm, at the sigma of about the same smoothness.
 
-        If the residual is within `_RESIDUAL_RATIO_MAX` of the best one, smaller and larger sigmas
-        are tried.
+        If the residual is within a ratio `_RESIDUAL_RATIO_MAX` of the smallest one, ``best``,
+        smaller and
+        larger sigmas are tried.
         """
         for search, of_other in zip(self.searches, other.searches, strict=True):
             search.starts = of_other.starts
@@ -203,7 +211,7 @@ class _HeldOut:
     def _improve(self, at: int, direction: int) -> bool:
         """Try smaller sigmas (1) or larger ones (-1) while the residual falls.
 
-        Returns whether it fell.
+        Return whether it fell.
         """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):
@@ -226,7 +234,7 @@ class _HeldOut:
 class _IntervalSearch:
     """Fields of one interval, each without the patches of one fold.
 
-    The folds are every ``count``-th one, beginning with ``start``.
+    Only every ``count``-th fold is used, beginning with ``start``.
     """
 
     def __init__(
@@ -252,7 +260,7 @@ class _IntervalSearch:
     ) -> tuple[float, list[FloatArray]]:
         """Minimise from fields (F, 2) of each fold.
 
-        Returns the mean squared residual on the held-out patches, and the fields.
+        Return the mean squared residual on the held-out patches, and the fields.
         """
         given, squares, found = self._given, list[float](), list[FloatArray]()
         sigma = sigma_of(given.frames, given.parameters, sigma, self._duration)
@@ -278,7 +286,10 @@ def long_range_field(energy: MatchingEnergy) -> FloatArray:
 
 
 def change_rates(frames: Frames) -> FloatArray:
-    """Return the weighted rate of change of the frames in each interval, (T - 1,)."""
+    """Return the weighted rate of change of the frames in each interval, (T - 1,).
+
+    The weights are areas, mask and channel weights.
+    """
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
     if frames.mask is not None:
@@ -288,7 +299,7 @@ def change_rates(frames: Frames) -> FloatArray:
 
 
 def _spread(changed: FloatArray, count: int) -> list[int]:
-    """Return the interval with the upper quartile of changes in each of ``count`` parts of time."""
+    """Return one interval from each of ``count`` parts of time: the upper quartile of changes."""
     parts = np.array_split(np.arange(len(changed)), min(count, len(changed)))
     return [
         int(part[np.argsort(changed[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts

@@ -19,14 +19,14 @@ from abfm.numerics.kernels import inner
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
-_STEPS_MAX = 8  # of Gauss-Newton for one sigma
-_GAIN_SHARE_MIN = 0.05  # share of the energy; a step that gains less is the last one
+_STEPS_MAX = 8  # Gauss-Newton steps for one sigma
+_GAIN_SHARE_MIN = 0.05  # the last step lowers the energy by a smaller share
 _SUFFICIENT_DECREASE = 1e-4
 _STEP_LENGTH_MIN = 0.1
-# of conjugate gradients in a step
+# iterations of conjugate gradients in a step
 _ITERATIONS_MIN = 4
 _ITERATIONS_MAX = 60
-_RESIDUAL_SHARE = 0.25  # they stop at this share of the first residual
+_RESIDUAL_SHARE = 0.25  # conjugate gradients stop at this share of their first residual
 COOLING_FACTOR = 3.0
 """Ratio of consecutive sigmas."""
 
@@ -127,7 +127,7 @@ class Interval:
         return point
 
     def coupling_energy(self, field: FloatArray) -> float:
-        """Return the energy that neighbours add for a field (F, 2)."""
+        """Return the energy that the neighbours add for a field (F, 2)."""
         total = 0.0
         for each in self._neighbours:
             difference = field - each.field

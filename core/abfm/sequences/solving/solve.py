@@ -29,7 +29,7 @@ _ENERGY_SHARE_MAX = 0.5
 _FAILED_SEARCHES_MAX = 3  # consecutive long-range searches without success
 _SWEEPS_MAX = 4
 _CHECK_NAMES = ("verified_residual", "folded")
-_GAIN_SHARE_MIN = 0.01  # share of the energy; a sweep that gains less is the last one
+_GAIN_SHARE_MIN = 0.01  # the last sweep lowers the energy by a smaller share
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +61,10 @@ class SequenceSolver:
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
         self.is_chosen = bool(parameters.sigma) and not parameters.automatic
-        self.failed_searches = 0  # consecutive long-range searches
+        self.failed_searches = 0  # number of consecutive long-range searches that failed
         # intervals without motion, which are not coupled to their neighbours
         self.is_uncoupled = np.zeros(len(self.fields), dtype=bool)
-        self.swept_intervals = 0  # in all sweeps
+        self.swept_intervals = 0  # number of interval solutions in all sweeps
         self.energy_before = np.nan  # total energy at the beginning of the latest sweep
         # residual of flow lines in each interval, and the share of faces that they fold
         self.flow_line_checks = np.full((len(self.fields), 2), np.nan)
@@ -73,7 +73,7 @@ class SequenceSolver:
     def run(
         self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
     ) -> None:
-        """Solve all intervals that are not solved; results remain if the run is cancelled.
+        """Solve all intervals that are not solved; if cancelled, the solved ones remain.
 
         After each step, the public attributes hold the complete state for resuming.
         """
@@ -162,7 +162,7 @@ class SequenceSolver:
         )
 
     def _smooth_in_time(self, on_step: Callable[[], object] = lambda: None) -> None:
-        """Sweep back and forth until the total energy, by flow lines, hardly falls."""
+        """Sweep back and forth through time until the total energy, by flow lines, hardly falls."""
         count = len(self.fields)
         if not self.swept_intervals:
             with stepped("tracing flow lines", range(count)) as intervals:
@@ -201,7 +201,7 @@ class SequenceSolver:
                 on_step()
 
     def _update_energy(self, i: int) -> None:
-        """Set the energy of an interval's field to that by flow lines."""
+        """Set the energy of an interval's field to the one measured by flow lines."""
         checkpoint()
         self._defects[i] = advection_defect(self.energy(i), self.fields[i])
         interval = self._interval(i, shift=self._defects[i])
@@ -247,12 +247,10 @@ class SequenceSolver:
         return self.gamma * float(min(self.frames.durations[i], self.frames.durations[j]))
 
     def parameters(self, interval: int) -> Parameters:
-        """Return the parameters of the problem of an interval."""
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         return interval_parameters(self.frames, self.given, sigma, interval)
 
     def energy(self, interval: int) -> MatchingEnergy:
-        """Return the energy of an interval."""
         return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
 
     def _interval(

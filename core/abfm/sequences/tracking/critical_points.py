@@ -23,7 +23,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 PointKind = Literal["source", "sink", "spiral", "saddle"]
 KINDS: tuple[PointKind, ...] = get_args(PointKind)
 _REFERENCE_DIRECTION = 0.36, 0.48, 0.8  # a direction in space, normal to few faces
-_SPEED_SHARE_MIN = 1e-9  # of the root mean square speed; slower corners have no direction
+_SPEED_SHARE_MIN = 1e-9  # corners slower than this share of the RMS speed have no direction
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from abfm.types import FloatArray, IntArray
 
-# smallest prominence of an extremum, as a share of the range of the energy and of its mean
+# smallest prominence of an extremum, relative to the range of the energy and to its mean
 _RANGE_SHARE_MIN = 0.1
 _MEAN_SHARE_MIN = 0.1
 
@@ -62,7 +62,7 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
 
 
 def _peaks(values: FloatArray, prominence: float) -> IntArray:
-    """Return maxima of a prominence, including ends of the time."""
+    """Return maxima with at least this prominence, including the first and the last interval."""
     # SciPy takes as long to load as all other imports of a batch row; most rows need no episodes
     from scipy.signal import find_peaks
 
@@ -72,7 +72,7 @@ def _peaks(values: FloatArray, prominence: float) -> IntArray:
 
 
 def _reach(energy: FloatArray, i: int, other: int | None, turn: int) -> int:
-    """Return the last interval from an extremum before the energy passes halfway."""
+    """Return the last interval, starting from an extremum, before the energy passes halfway."""
     stop = (len(energy) - 1 if turn > 0 else 0) if other is None else other
     half = energy[i] + (energy[stop] - energy[i]) / 2 if other is not None else np.inf
     j = i

@@ -58,7 +58,7 @@ def tracks(
     times: FloatArray,
     min_intervals: int = 3,
 ) -> list[Track]:
-    """Link the critical points of fields at times (T,).
+    """Link the critical points of fields at times (T,) to tracks.
 
     Points of the same index are assigned so that the sum of distances is smallest. No distance
     exceeds six edges, and a point may be missing in one field. Returns the tracks through at least
@@ -68,7 +68,7 @@ def tracks(
         raise ParameterError(
             f"min_intervals is {brief(min_intervals)}; expected an integer of at least 1"
         )
-    active: list[list[tuple[int, int]]] = []  # of (field, point), tracks that may continue
+    active: list[list[tuple[int, int]]] = []  # tracks that may continue, as (field, point)
     ended: list[list[tuple[int, int]]] = []
     for step, points in enumerate(found):
         taken = set[int]()

@@ -26,11 +26,11 @@ from abfm.mesh.topology import next_corner
 from abfm.types import FloatArray, IntArray
 
 COORDINATES = 8  # dimensions of the classical scaling of the distances
-EIGENFUNCTIONS = 30  # for the commutator of a map with the Laplacian
-_COTANGENT_RANGE = (0.01, 20.0)  # edge weights are clipped to it, as those of slivers diverge
+EIGENFUNCTIONS = 30  # number in which the commutator of map and Laplacian is computed
+_COTANGENT_RANGE = (0.01, 20.0)  # clips the edge weights, since those of slivers diverge
 _HEAT_TIMES = (0.01, 0.05)
-_CURVATURE_SCALES = (0.045, 0.1)  # sqrt(area) over which the mean curvature is smoothed
-_CURVATURE_MAX = 30.0  # over sqrt(area): larger values are creases or noise
+_CURVATURE_SCALES = (0.045, 0.1)  # lengths, in sqrt(area), that smooth the mean curvature
+_CURVATURE_MAX = 30.0  # a larger mean curvature, in 1 / sqrt(area), is a crease or noise
 
 
 class CoarseShape(NamedTuple):

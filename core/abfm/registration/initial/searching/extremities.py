@@ -22,18 +22,18 @@ from abfm.types import FloatArray, IntArray
 ENDS_MIN = 3
 """Smallest number of ends that determine a map."""
 _ENDS_MAX = 6
-_RADIUS = 0.25  # sqrt(area), of the neighbourhood in which an end has the largest mean distance
-_AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area), of the discs whose areas are compared
-_AREA_OFFSET = 0.003  # added to areas before the logarithm
+_RADIUS = 0.25  # sqrt(area), within which the mean distance of an end is the largest
+_AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area), radii of the discs whose areas are compared
+_AREA_OFFSET = 0.003  # of the total area, added to areas before the logarithm
 _AREA_WEIGHT = 0.5
 _DISTANCE_OFFSET = 0.03  # sqrt(area), added to distances before inversion
 _DISTANCE_WEIGHT = 0.7
 _BRACKET_WEIGHT = 0.3
-_BRACKET_SCALE = np.sqrt(0.003)  # sqrt(area) over which brackets are smoothed
+_BRACKET_SCALE = np.sqrt(0.003)  # sqrt(area), length over which brackets are smoothed
 
 
 def extremities(shape: CoarseShape) -> IntArray:
-    """Return the vertices at the ends of limbs, at most six, the farthest first."""
+    """Return at most six vertices at the ends of limbs, the one of largest mean distance first."""
     mean = shape.distances @ shape.areas
     around = shape.distances <= _RADIUS
     highest = np.where(around, mean, -np.inf).max(axis=1)

@@ -18,7 +18,7 @@ from abfm.registration.initial.searching.reversible import REVERSIBILITY, TwoWay
 from abfm.types import FloatArray, IntArray
 
 _COMMUTATOR_WEIGHT = 2.0  # energy and descriptors have weight 1
-_WRONG_SIDE_COST = 1.0  # of a map with the wrong orientation on most of the surface
+_WRONG_SIDE_COST = 1.0  # added if the orientation is wrong on most of the surface
 
 
 class MapCost(NamedTuple):

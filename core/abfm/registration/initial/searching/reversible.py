@@ -34,7 +34,7 @@ class TwoWayMap(NamedTuple):
 
 
 def two_way_map(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> TwoWayMap:
-    """Complete a map from B to A; it takes vertices of A to the vertices with closest images."""
+    """Return the map from B to A with a map back: each vertex of A goes to the closest image."""
     images = a.coordinates[to_a]
     return TwoWayMap(to_a, nearest(a.coordinates, images), images)
 

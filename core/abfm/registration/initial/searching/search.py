@@ -54,26 +54,26 @@ _SCREENED_VERTICES = 400
 _PENALTIES = np.geomspace(0.05, 10, 12)
 _SCREENING_PENALTIES = np.geomspace(0.05, 10, 6)
 _POLISHING_PENALTIES = np.geomspace(0.5, 10, 6)
-_ITERATIONS = 2  # at each penalty
-_DESCRIPTOR_WEIGHT = 0.2  # during relaxation
+_ITERATIONS = 2  # iterations of a relaxation at each penalty
+_DESCRIPTOR_WEIGHT = 0.2  # weight of the descriptors in a relaxation
 _POLISHING_DESCRIPTOR_WEIGHT = 0.05
-_MATCHINGS_MAX = 48  # of extremities
-_RELAXED_MATCHINGS = 4  # on each side
+_MATCHINGS_MAX = 48  # matchings of extremities that are compared
+_RELAXED_MATCHINGS = 4  # best matchings that become candidates, for each side
 _SPECTRAL_MAPS = 3
-_FUNCTION_WEIGHT_MAX = 2.0  # sum over given functions; each of five descriptors has weight 1
+_FUNCTION_WEIGHT_MAX = 2.0  # summed over given functions; each of five descriptors has weight 1
 _DISTRIBUTION_SCALE = 0.15  # Wasserstein distance that reduces a weight by a factor of e
 _LANDMARK_WIDTH = 0.15  # sqrt(area), width of the region that moves with a landmark
-_MIRROR_COST = 0.5  # of mirrored maps if both sides are tried
+_MIRROR_COST = 0.5  # added for mirrored maps if both sides are tried
 _SAME_MAP_DISTANCE = 0.05  # sqrt(area), largest mean distance between images of equivalent maps
 _OTHER_MAP_DISTANCE = 0.1  # sqrt(area), smallest mean distance between images of different maps
 _SAME_SURFACE_DISTANCE = 0.01  # sqrt(area), RMS distance of identical surfaces after alignment
 _COST_TIE = 0.1  # smaller differences of costs are not significant
-_COST_MAX = 4.5  # of a plausible map
-_SIDE_MIN = 0.5  # of a plausible map, see `MapCost`
+_COST_MAX = 4.5  # largest cost of a plausible map
+_SIDE_MIN = 0.5  # least `MapCost.side` of a plausible map
 
 
 def is_searched(candidates: Sequence[Candidate]) -> bool:
-    """Return whether one of `KINDS` found the map, between two different shapes."""
+    """Return whether one of the methods `KINDS` found the map, between two different shapes."""
     return any(each.name.partition(":")[0] in KINDS for each in candidates[:1])
 
 
@@ -208,7 +208,6 @@ class _Search:
 
     @cached_property
     def spectral(self) -> SpectralSearch:
-        """The search by eigenfunctions."""
         given = self.given
         pair = self.pair(_VERTICES)
         first = pair.a.descriptors.shape[1]
@@ -363,7 +362,7 @@ def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
 def _by_positions(
     positions: tuple[FloatArray, FloatArray], side: int
 ) -> Callable[[Pair], IntArray]:
-    """Return the map by distances to positions, (L, 3) on A and on B, at unit area."""
+    """Return a function that maps by distances to positions, (L, 3) on A and B, at unit area."""
 
     def coarse(pair: Pair) -> IntArray:
         on_a, on_b = (
@@ -446,7 +445,10 @@ _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
 
 
 def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
-    """Return the candidates without expensive matchings of extremities, on few vertices."""
+    """Return the candidates with only the best matchings of extremities.
+
+    The matchings are compared by their relaxation on coarser surfaces, which is fast.
+    """
     costs: dict[int, float] = {}
     for number, start in enumerate(starts):
         if start.kind == "extremities":
@@ -480,7 +482,7 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
     """Return the most accurate of the candidates that are equivalent to the best one.
 
-    An exact candidate comes first, then one by eigenfunctions.
+    A candidate of two congruent surfaces comes first, then one by eigenfunctions.
     """
     best = tried[0]
     equivalent = [
