@@ -20,7 +20,7 @@ HEADINGS = (
     "vertices",
     f"seconds to mismatch {MISMATCH:g}",
     "to the end",
-    "residual, by flow lines",
+    "residual, along flow lines",
 )
 
 

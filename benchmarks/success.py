@@ -24,9 +24,9 @@ from benchmarks.common import Report, bench, decimals, machine_line, markdown
 from benchmarks.trials import MeasuredProblem, Trials, measured
 
 GOAL = Parameters.goal
-"""Largest residual of a success, by the discrete flow and by flow lines."""
+"""Largest residual of a success, by the discrete flow and along flow lines."""
 RESIDUAL_CONFIRMED = 0.1
-"""Residual by flow lines that counts as confirmed."""
+"""Residual along flow lines that counts as confirmed."""
 FOLDED_MAX = 0.01
 """Largest share of folded faces of a match that counts as unfolded."""
 
@@ -96,7 +96,7 @@ class Trial:
         f, g = self.functions()
         edges = resolution(self.mesh, np.stack([f, g], axis=1))
         term = Problem(self.mesh, f, g).functions
-        least = range_bound(term)
+        residual_bound = range_bound(term)
         names = ("index", "family", "width", "distance", "source", "target")
         return {
             "mesh": self.mesh_name,
@@ -105,8 +105,8 @@ class Trial:
             **{key: getattr(self, key) for key in names},
             "edges_per_width": edges,
             "resolved": edges >= RESOLUTION_MIN,
-            "least": least,
-            "solvable": least <= GOAL and first_difference(term) is None,
+            "residual_bound": residual_bound,
+            "solvable": residual_bound <= GOAL and first_difference(term) is None,
         }
 
 
@@ -199,7 +199,7 @@ def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
 def record_of(entry: LedgerEntry) -> Report:
     """Return the measurements of a matched row, which is verified again.
 
-    - ``residual``, ``verified``: by the discrete flow and by flow lines; None if unknown
+    - ``residual``, ``verified``: by the discrete flow and along flow lines; None if unknown
     - ``folded``: the share of folded faces
     - ``row_products``: products of rows of ``D_v`` in all advections and adjoints
     - ``seconds``: of the match on a new mesh and of writing the result
@@ -304,7 +304,7 @@ COLUMNS = {
     f"both at most {GOAL:g}": _count("success"),
     f"flow lines at most {RESIDUAL_CONFIRMED:g}": _count("confirmed"),
     "residual": _median("residual"),
-    "by flow lines": _median("verified"),
+    "along flow lines": _median("verified"),
     "unfolded": _unfolded,
     "refined": _count("refined"),
     "products": _median("row_products"),
@@ -321,7 +321,7 @@ def report_text(report: Report) -> str:
     ]
     seconds = sum(row["result"]["seconds"] or 0 for row in rows)
     notes = (
-        f"A success has a residual of at most {GOAL:g} by the discrete flow and by flow lines. "
+        f"A success has a residual of at most {GOAL:g} by the discrete flow and along flow lines. "
         "Solvable: the source has the target's values and peaks, also on boundaries and on parts "
         "joined only at vertices. Residuals, products (of rows of D_v) and seconds are medians. "
         f"Unfolded: matches with at most {100 * FOLDED_MAX:g}% folded faces. Refined: on a "

@@ -139,7 +139,7 @@ def _launch(backend: Backend, repeats: int) -> Report:
     arguments = str(asset_path("human_A.off")), backend
     runs = {
         name: partial(_until_drawn, [sys.executable, "-c", code, *arguments])
-        for name, code in (("app", _APP_SCRIPT), ("bare polyscope", _POLYSCOPE_SCRIPT))
+        for name, code in (("app", _APP_SCRIPT), ("polyscope", _POLYSCOPE_SCRIPT))
     }
     seconds, ratio = _in_turns(repeats, runs)
     return {"seconds": seconds, "ratio": ratio, "at_most": LAUNCH_RATIO_MAX}

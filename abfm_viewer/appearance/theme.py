@@ -28,7 +28,7 @@ class Palette:
     warning: Color  # a good result with a warning, or a nearly good result
     good: Color
     marker: Color
-    lines: Color  # in plots: residual by flow lines
+    lines: Color  # in plots: residual along flow lines
     flow: Color  # in plots: residual by the discrete flow
 
 

@@ -37,7 +37,7 @@ Coloring = Literal[
     "conformal distortion",
 ]
 FieldPart = Literal[
-    "complete", "curl-free", "divergence-free", "harmonic", "commuting", "advected gradient"
+    "complete", "curl-free", "divergence-free", "harmonic", "commuting", "pushed gradient"
 ]
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 

@@ -41,7 +41,7 @@ COLUMNS: Mapping[Name, Column] = {
     "name": Column("name", "Name of the row in its table."),
     "verdict": Column("verdict", "Verdict of the result. The worst are listed first."),
     "residual": Column("residual", "Residual of the discrete flow.", ".2%"),
-    "verified_residual": Column("by flow lines", "Residual along flow lines.", ".2%"),
+    "verified_residual": Column("along flow lines", "Residual along flow lines.", ".2%"),
     "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
     "log2_area": Column("|log2 J|", "Area change of the map, mean over the surface.", ".2f"),
     "correlation": Column(

@@ -31,8 +31,8 @@ from abfm_viewer.widgets.widget_record import Range
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _CUSTOM_SIZE = "custom size"
 _LABELS_TIP = "Labels at τ, transferred by the flow (.label.gii, .annot, or a table of keys)."
-_WIDTH_RANGE = Range(320, 7680, whole=True)
-_HEIGHT_RANGE = Range(240, 4320, whole=True)
+_WIDTH_RANGE = Range(320, 7680, is_integer=True)
+_HEIGHT_RANGE = Range(240, 4320, is_integer=True)
 
 
 class _Saved(NamedTuple):
@@ -208,7 +208,7 @@ def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
     tip = "Length of the movie in seconds."
     seconds = ui.bounded("seconds", movie.seconds, Range(0.5, 20), tip, (0.1, 600.0))
     tip = "Frames per second: at most 120, in a GIF 50."
-    fps = ui.bounded("fps", movie.fps, Range(5, 60, whole=True), tip, (1.0, 120.0))
+    fps = ui.bounded("fps", movie.fps, Range(5, 60, is_integer=True), tip, (1.0, 120.0))
     start = bounded_time("from", movie.start, "First time of the movie.")
     beyond = " Beyond τ the flow is extrapolated." if document.extrapolates else ""
     tip = f"Last time of the movie.{beyond}"

@@ -95,7 +95,7 @@ def draw_pair(context: Context) -> None:
     ui.heading("two frames")
     now = document.interval
     first, last = session.sequence_match.pair or (now, now + 1)
-    ends, limits = Range(0, len(sequence) - 1, whole=True), (0, len(sequence) - 1)
+    ends, limits = Range(0, len(sequence) - 1, is_integer=True), (0, len(sequence) - 1)
     begin, end = (
         round(ui.bounded(label, frame, ends, _PAIR, limits))
         for label, frame in (("from frame", first), ("to frame", last))

@@ -82,7 +82,7 @@ def _residuals(context: Context, sequence: FrameSequence, result: abfm.Sequence)
     by_flow = np.where(unsolved, np.nan, result.residual)
     by_lines = np.where(unsolved, np.nan, result.verified_residual)
     warned = unconfirmed(result)
-    legend = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
+    legend = {"residual": ui.colors.flow, "along flow lines": ui.colors.lines}
     plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if warned.any() else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
@@ -90,7 +90,7 @@ def _residuals(context: Context, sequence: FrameSequence, result: abfm.Sequence)
         plots.set_up(_across(sequence), (document.start, document.end), (by_flow, by_lines))
         _present(context, sequence)
         for name, values, ink in (
-            ("by flow lines", by_lines, ui.colors.lines),
+            ("along flow lines", by_lines, ui.colors.lines),
             ("residual", by_flow, ui.colors.flow),
         ):
             plots.line(f"##{name}", values, ink, ui.px(1.8), sequence.middles)
@@ -125,7 +125,7 @@ def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> No
     for number, middle in enumerate(sequence.middles.tolist()):
         x, y = implot.PlotToPixels(middle, level)
         if np.isfinite(x + y):
-            ui.record.add(f"interval {number}", "mark", (x, y, x, y), True)
+            ui.record.add(f"interval {number}", "marker", (x, y, x, y), True)
     if not plots.is_under_mouse():
         return
     at = sequence.interval(float(implot.GetPlotMousePos()[0]))

@@ -27,7 +27,7 @@ _MAPS: tuple[Coloring, ...] = (*TRANSFERRED_COLORINGS, "area distortion", "confo
 _LABELS = "Open labels..."
 _PART = (
     "The complete field, or a part of its Helmholtz-Hodge decomposition. Also the smoothest "
-    "commuting field (takes seconds), or the source's gradient advected by the flow."
+    "commuting field (takes seconds), or the source's gradient, pushed forward by the flow."
 )
 _ARROWS = "Show the field as arrows on the advected surface."
 _STREAKS = "Show the field as streaks (line integral convolution). They take seconds to compute."

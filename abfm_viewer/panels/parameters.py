@@ -169,8 +169,8 @@ def _preset(ui: Ui, session: Session) -> None:
 
 def _control(ui: Ui, session: Session, name: str) -> None:
     about, value = _PARAMETER_TEXTS[name], session.parameters.to_dict()[name]
-    label, whole = f"{about.label}##{name}", is_integer(FIELDS[name])
-    ends, tip = replace(about.slider, whole=whole), _tip(name)
+    label, has_integers = f"{about.label}##{name}", is_integer(FIELDS[name])
+    ends, tip = replace(about.slider, is_integer=has_integers), _tip(name)
     new: Any
     if name in _CHOICES:
         chosen = ui.combo(label, AUTO if value is None else str(value), _CHOICES[name], tip)
@@ -180,7 +180,7 @@ def _control(ui: Ui, session: Session, name: str) -> None:
         new = ui.number_or_auto(label, value, ends, tip, _AUTO[name])
     else:
         new = ui.number(label, value, ends, tip)
-    if whole and isinstance(new, float) and new.is_integer():
+    if has_integers and isinstance(new, float) and new.is_integer():
         new = int(new)
     if new is None or new == (AUTO if value is None else value):
         return

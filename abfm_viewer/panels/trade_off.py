@@ -59,7 +59,7 @@ def draw(context: Context, path: Steps) -> None:
     _choice(ui, session, path, shown, chosen)
     if not is_live:
         _bound(ui, session)
-    colors = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
+    colors = {"residual": ui.colors.flow, "along flow lines": ui.colors.lines}
     plots.legend(ui, colors if chosen is None else colors | {_SOLVER_CHOICE: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
 
@@ -127,7 +127,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         if len(now):
             plots.horizontal_line("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
         for name, residuals, ink, size in (
-            ("by flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARKER_SIZE),
+            ("along flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARKER_SIZE),
             ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARKER_SIZE),
         ):
             plots.line(name, residuals, ink, ui.px(1.8), areas)
@@ -153,7 +153,7 @@ def _clicks(
     )
     for n, (x, y) in enumerate(places[0]):
         if np.isfinite(x + y):
-            ui.record.add(f"step {n + 1}", "mark", (x, y, x, y), not session.solver.running)
+            ui.record.add(f"step {n + 1}", "marker", (x, y, x, y), not session.solver.running)
     distances = np.linalg.norm(places - imgui.GetMousePos(), axis=2)
     distances = np.nan_to_num(distances, nan=np.inf).min(axis=0)
     nearest = int(np.argmin(distances))

@@ -16,7 +16,7 @@ from abfm_viewer.reports.pages import abbreviated, render
 ROWS_SHOWN_MAX = 1000
 """Most rows on a page, which has about 6 MB with their pictures."""
 _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
-_HEADS = ("", "residual", "by flow lines", "folded", "|log2\u00a0J|", "seconds")
+_HEADS = ("", "residual", "along flow lines", "folded", "|log2\u00a0J|", "seconds")
 _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
 """Options of the solution of a problem, not of the problem itself."""
 

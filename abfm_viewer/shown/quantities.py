@@ -233,7 +233,7 @@ class FieldQuantities(Jobs):
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part
         if flow is None:
             return None
-        if part == "advected gradient":
+        if part == "pushed gradient":
             source = self._session.work.flow_values("source")
             if source is None:
                 return None

@@ -424,10 +424,10 @@ class Ui:
         slid = self.slider(label, value, ends, tip)
         if slid is not None:
             # a slider has a resolution of about three digits
-            slid = float(round(slid)) if ends.whole else float(f"{slid:.3g}")
+            slid = float(round(slid)) if ends.is_integer else float(f"{slid:.3g}")
             self.refusals.accept(name or text)
         self.same_line(spacing)
-        written = row.written or (f"{round(value)}" if ends.whole else f"{value:.6g}")
+        written = row.written or (f"{round(value)}" if ends.is_integer else f"{value:.6g}")
         typed = self._box(label, written, tip, width=box)
         self._caption(text, row.caption, tip)
         return slid if typed is None else typed

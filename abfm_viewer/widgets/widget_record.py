@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
-WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "mark"]
+WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "marker"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 # logarithmic sliders that start at 0: share of the slider for 0, and decades on the rest
 _ZERO_SHARE = 0.06
@@ -23,13 +23,13 @@ _DECADES = 6
 class Range:
     """Range of a slider, linear or logarithmic.
 
-    With `whole` its values are integers.
+    Its values are integers if `is_integer`.
     """
 
     low: float
     high: float
     log: bool = False
-    whole: bool = False
+    is_integer: bool = False
 
     def nearest(self, value: float) -> float:
         return min(max(value, self.low), self.high)

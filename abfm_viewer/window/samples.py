@@ -49,7 +49,7 @@ _VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
     2: {"streaks": True},
     5: {"streaks": True, "part": "commuting"},
     # faded, because it is only noise where it is almost 0
-    6: {"streaks": True, "fade": True, "part": "advected gradient"},
+    6: {"streaks": True, "fade": True, "part": "pushed gradient"},
     8: {"error": True},
 }
 """Fields of `View` that show more of a figure than its functions."""

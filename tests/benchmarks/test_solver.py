@@ -132,7 +132,7 @@ def test_window_reports_launch_throughput_and_frames(monkeypatch):
     assert through["vertices"] == len(icosphere(3).vertices)
     seconds, rates = launch["seconds"], through["iterations_per_second"]
     for ratio, times, first, second in (
-        (launch["ratio"], seconds, "app", "bare polyscope"),
+        (launch["ratio"], seconds, "app", "polyscope"),
         (through["ratio"], rates, "with window", "abfm.match"),
     ):
         assert ratio == statistics.median(times[first]) / statistics.median(times[second]) > 0

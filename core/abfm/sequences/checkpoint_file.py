@@ -32,11 +32,11 @@ _KIND = results.FileKind(
         "sigma": Entry("real", (), low=0),
         "fields": Entry("real", ("K", "F", 2)),
         "energies": Entry("real", ("K",)),
-        "alone": Entry("boolean", ("K",)),
-        "in_vain": Entry("integer", (), low=0),
-        "swept": Entry("integer", (), low=0),
-        "before": Entry("real", (), allow_missing=True),
-        "witnessed": Entry("real", ("K", 2), low=0, allow_missing=True),
+        "is_uncoupled": Entry("boolean", ("K",)),
+        "failed_searches": Entry("integer", (), low=0),
+        "swept_intervals": Entry("integer", (), low=0),
+        "energy_before_sweep": Entry("real", (), allow_missing=True),
+        "flow_line_checks": Entry("real", ("K", 2), low=0, allow_missing=True),
     },
 )
 
@@ -82,14 +82,14 @@ class SequenceCheckpoint:
             if found["problem"] == self._problem and fits:
                 known = slice(len(fields))
                 solver.fields[known], solver.energies[known] = fields, found["energies"]
-                solver.is_uncoupled[known], solver.found[known] = found["alone"], True
-                solver.flow_line_checks[known] = found["witnessed"]
+                solver.is_uncoupled[known], solver.found[known] = found["is_uncoupled"], True
+                solver.flow_line_checks[known] = found["flow_line_checks"]
                 norm = Norm(int(found["order"]), float(found["alpha"]))
                 solver.choose(norm, float(found["sigma"]))
-                solver.energy_before = float(found["before"])
+                solver.energy_before = float(found["energy_before_sweep"])
                 solver.failed_searches, solver.swept_intervals = (
-                    int(found["in_vain"]),
-                    int(found["swept"]),
+                    int(found["failed_searches"]),
+                    int(found["swept_intervals"]),
                 )
                 self._on_found(len(fields))
 
@@ -109,11 +109,11 @@ class SequenceCheckpoint:
             "sigma": solver.sigma,
             "fields": solver.fields[known],
             "energies": solver.energies[known],
-            "alone": solver.is_uncoupled[known],
-            "in_vain": solver.failed_searches,
-            "swept": solver.swept_intervals,
-            "before": solver.energy_before,
-            "witnessed": solver.flow_line_checks[known],
+            "is_uncoupled": solver.is_uncoupled[known],
+            "failed_searches": solver.failed_searches,
+            "swept_intervals": solver.swept_intervals,
+            "energy_before_sweep": solver.energy_before,
+            "flow_line_checks": solver.flow_line_checks[known],
         }
         with suppress(ResultError):
             results.save_arrays(self.path, arrays, _KIND)

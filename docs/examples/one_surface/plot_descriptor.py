@@ -37,7 +37,7 @@ target = truth.pull_back(source)
 
 match = abfm.match(mesh, source, target)
 print(match.facts.headline)
-print(f"residual by flow lines: {match.verified_residual:.3f}")
+print(f"residual along flow lines: {match.verified_residual:.3f}")
 match
 
 # %%

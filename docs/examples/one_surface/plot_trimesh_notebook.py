@@ -32,7 +32,7 @@ mesh
 source = abfm.function(mesh, "gaussian:vertex=10,width=0.25")
 target = abfm.function(mesh, "gaussian:vertex=30,width=0.25")
 match = abfm.match(surface, source, target)
-print(f"residual {match.residual:.3f}, by flow lines {match.verified_residual:.3f}")
+print(f"residual {match.residual:.3f}, along flow lines {match.verified_residual:.3f}")
 match
 
 # %%

@@ -68,4 +68,6 @@ for time in (0, 0.5, 1):
 
 smooth = abfm.match(mesh, source, target, abfm.Parameters(sigma=0.01, refine=0))
 for name, result in {"paper": match, "defaults": smooth}.items():
-    print(f"{name}: {result.residual:.3f} discrete, {result.verified_residual:.3f} by flow lines")
+    print(
+        f"{name}: {result.residual:.3f} discrete, {result.verified_residual:.3f} along flow lines"
+    )

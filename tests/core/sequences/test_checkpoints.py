@@ -90,7 +90,7 @@ def test_checked_intervals_are_not_checked_again(complete, tmp_path):
     first = SequenceCheckpoint(tmp_path / "s.npz")
     solved(first)
     arrays = dict(np.load(first.path))
-    arrays["witnessed"][2] = 0.5, 0.25
+    arrays["flow_line_checks"][2] = 0.5, 0.25
     with first.path.open("wb") as file:
         np.savez(file, **arrays)
     found = solved(SequenceCheckpoint(tmp_path / "s.npz"))

@@ -138,7 +138,7 @@ def sort_and_search(opened, monkeypatch):
     tables = opened.window.files.tables
     for head, name in (
         ("residual", "residual"),
-        ("by flow lines", "verified_residual"),
+        ("along flow lines", "verified_residual"),
         ("|log2 J|", "log2_area"),
     ):
         opened.click(head, "rows")

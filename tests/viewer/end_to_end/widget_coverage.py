@@ -99,7 +99,7 @@ def _name(widget):
     section = section.replace("Functions/target", "Functions/source")
     section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
-    label = "step" if widget.kind == "mark" or section == "Match/step" else label
+    label = "step" if widget.kind == "marker" or section == "Match/step" else label
     label = "row" if (section, widget.kind) == ("table/rows", "choice") else label
     if section == "Save" and widget.kind == "choice":
         label = "file"

@@ -212,7 +212,7 @@ def test_gradient_is_pushed_to_the_shown_time(session, shown):
     start, tau = gradient_of(SPHERE, session.values("source")), session.parameters.tau
     for time in (0.0, 0.5 * tau, tau):
         session.set_time(time)
-        found = shown_field(shown, "advected gradient").velocity
+        found = shown_field(shown, "pushed gradient").velocity
         expected = pushforward(SPHERE, session.result.velocity[0], start, time)
         np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
 
