@@ -21,17 +21,13 @@ _FIRST_COLUMN = 0.34
 
 @dataclass(frozen=True)
 class Message:
-    """Dialog with a title and lines.
-
-    The button Copy copies `copied` to the clipboard, if it is not empty.
-    """
+    """Dialog with a title and lines of text."""
 
     title: str
     lines: Sequence[Line]
-    copied: str = ""
+    copied: str = ""  # text for the clipboard; empty for no button Copy
 
     def draw(self, ui: Ui) -> bool:
-        """Draw the dialog, and return whether it was closed in this frame."""
         with dialog(ui, self.title, _MESSAGE_WIDTH):
             height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
             with child(ui, "lines", height, border=False, fits="at most"):
@@ -59,15 +55,12 @@ class Message:
 
 @dataclass(frozen=True)
 class Question:
-    """Dialog with a text and buttons for answers: Enter is the first answer, Esc the last.
-
-    A callable `text` is evaluated in each frame. As soon as `instead` returns an action, the dialog
-    closes and the action is performed.
-    """
+    """Dialog with buttons for answers: Enter is the first answer, Esc the last."""
 
     title: str
-    text: str | Callable[[], str]
+    text: str | Callable[[], str]  # a callable is evaluated in each frame
     answers: Sequence[str]
+    # called in each frame; an action that it returns is done, and the dialog closes
     instead: Callable[[], Callable[[], None] | None] = lambda: None
 
     def draw(self, ui: Ui) -> str | None:
@@ -90,17 +83,10 @@ class Question:
 
 
 class Dialogs:
-    """Opens dialogs and calls back with their answers.
-
-    Attributes
-    ----------
-    folder : Path
-        Folder in which file dialogs start.
-    """
+    """Stack of open dialogs, each with a callback for its answer."""
 
     def __init__(self) -> None:
-        self.folder = Path()
-        # each with its callback, which receives the answer
+        self.folder = Path()  # in which file dialogs start
         self._open: list[tuple[Question | FileDialog | Message, Callable[[Any], None]]] = []
 
     @property
@@ -116,7 +102,7 @@ class Dialogs:
     def save(
         self, title: str, suffixes: tuple[str, ...], name: str, on_path: Callable[[Path], None]
     ) -> None:
-        """Let the user choose a file to write; replacing an existing file needs a confirmation."""
+        """Let the user choose a file to write; replace an existing file only after a question."""
         choice = FileChoice(self._start_folder(), suffixes, saving=True, name=name)
         self._choose(title, choice, on_path)
 
@@ -127,19 +113,7 @@ class Dialogs:
         buttons: Mapping[str, Callable[[], None] | None],
         instead: Callable[[], Callable[[], None] | None] = lambda: None,
     ) -> None:
-        """Open a question.
-
-        Parameters
-        ----------
-        title : str
-        text : str or callable
-            A callable is evaluated in each frame.
-        buttons : mapping
-            Actions by labels; None does nothing. Enter presses the first button, Esc the last.
-        instead : callable
-            Called in each frame. If it returns an action, the question closes and the action is
-            performed.
-        """
+        """Open a `Question`; each button does its action, or nothing if that is None."""
 
         def answered(label: str) -> None:
             self._close()

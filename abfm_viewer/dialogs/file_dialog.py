@@ -32,14 +32,11 @@ class FolderEntry:
 
 @dataclass(frozen=True)
 class Listing:
-    """Entries of a folder, folders first.
-
-    `note` is set if the list is incomplete, `error` if the folder cannot be read.
-    """
+    """Entries of a folder, folders first."""
 
     entries: tuple[FolderEntry, ...] = ()
-    note: str = ""
-    error: str = ""
+    note: str = ""  # if the list is incomplete
+    error: str = ""  # if the folder cannot be read
 
     @property
     def names(self) -> list[str]:
@@ -90,30 +87,14 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 @dataclass(eq=False)
 class FileChoice:
-    """State of a file dialog.
-
-    Attributes
-    ----------
-    folder : Path
-        Folder that is shown.
-    suffixes : tuple of str
-        Allowed suffixes.
-    saving : bool
-        Whether a file to write is chosen. It need not exist.
-    name : str
-        Typed name of a file to write. Without an ending it gets the first suffix.
-    selected : str
-        Name of the selected entry.
-    error : str
-        Reason why the last action was refused.
-    """
+    """State of a file dialog."""
 
     folder: Path
-    suffixes: tuple[str, ...]
-    saving: bool = False
-    name: str = ""
-    selected: str = field(default="", init=False)
-    error: str = field(default="", init=False)
+    suffixes: tuple[str, ...]  # allowed ones
+    saving: bool = False  # whether a file to write is chosen, which need not exist
+    name: str = ""  # typed name of a file to write; without an ending it gets the first suffix
+    selected: str = field(default="", init=False)  # name of an entry
+    error: str = field(default="", init=False)  # why the last action was refused
     _reads: int = field(default=0, init=False)
     _listing: Latest[Listing] = field(default_factory=Latest, init=False)
 
@@ -123,12 +104,11 @@ class FileChoice:
         return self._listing.request((self._reads, folder), lambda: read_folder(folder, suffixes))
 
     def go(self, folder: Path) -> None:
-        """Show another folder, or read the same one again."""
+        """Show a folder, which is read again if it is shown already."""
         self.folder, self.selected, self.error = folder, "", ""
         self._reads += 1
 
     def go_up(self) -> None:
-        """Show the parent folder, and select the current folder in it."""
         child_folder = self.folder
         self.go(child_folder.parent)
         self.selected = child_folder.name
@@ -146,9 +126,9 @@ class FileChoice:
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Resolve a path relative to the shown folder; return a file, or show a folder.
+        """Return a typed file, or show a typed folder; set `error` if there is neither.
 
-        If the path is refused, `error` is set.
+        The path is relative to the shown folder.
         """
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
@@ -232,10 +212,7 @@ class FileDialog:
     _is_new: bool = field(default=True, init=False)
 
     def draw(self, ui: Ui) -> tuple[Path | None] | None:
-        """Draw the dialog; return its answer, if there is one in this frame.
-
-        The answer is a tuple with the file, or with None if the dialog was cancelled.
-        """
+        """Draw the dialog; return (file,), (None,) if cancelled, or None without an answer."""
         with dialog(ui, self.title, _WIDTH, _HEIGHT):
             taken, typing = self._draw_path(ui)
             below = 2 if self.choice.saving else 1
@@ -263,10 +240,7 @@ class FileDialog:
         return None if taken is None else (taken,)
 
     def _draw_path(self, ui: Ui) -> tuple[Path | None, bool]:
-        """Draw the path and the buttons Up and Home.
-
-        Return a typed file, and whether the user is typing.
-        """
+        """Draw path, Up and Home; return a typed file, and whether the user is typing."""
         with ui.disabled(self.choice.folder == self.choice.folder.parent):
             if ui.button("Up", "Show the parent folder (Alt+Up)."):
                 self._go_up()
@@ -290,7 +264,7 @@ class FileDialog:
         return None
 
     def _draw_entries(self, ui: Ui, listing: Listing) -> Path | None:
-        """Draw the visible rows and some around them, because each row takes time."""
+        """Draw the visible rows and some around them, as drawing all rows would be slow."""
         row = imgui.GetTextLineHeightWithSpacing()
         entries = listing.entries
         self._scroll(listing, row)

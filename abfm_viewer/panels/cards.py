@@ -24,22 +24,19 @@ _CARD_DELAY_SECONDS = 0.3  # shorter operations have no card
 
 @dataclass(frozen=True)
 class _Work:
-    """Operation in progress.
-
-    `share` is None if the progress is unknown. `tip` is the tooltip of the button Cancel.
-    """
+    """Operation in progress, which a card shows with a progress bar."""
 
     name: str
     text: str
     elapsed: float  # seconds
-    share: float | None
+    share: float | None  # None if the progress is unknown
     step: str = ""
     cancel: Callable[[], None] | None = None
-    tip: str = ""
+    tip: str = ""  # of the button Cancel
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw operations in progress, and the latest cards below, in a rectangle of the window."""
+    """Draw operations in progress, and below them the latest cards, in an area of the window."""
     ui, cards = context.ui, context.session.notices.cards
     left, top, right, bottom = rect
     width = min(ui.px(_WIDTH), right - left - 2 * ui.px(_EDGE))

@@ -24,7 +24,7 @@ Kind = TypeVar("Kind", bound=Document)
 
 
 class Context:
-    """A session with the parts of its window; recent files are kept in a state folder."""
+    """A session and the parts of its window; recent files are stored in a state folder."""
 
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
@@ -36,7 +36,7 @@ class Context:
         self.files.file_actions[OTHER_TABLE] = self.open_table
 
     def document(self, kind: type[Kind]) -> Kind:
-        """Return the current document, which must be of a given kind."""
+        """Return the current document, which must be of the given kind."""
         document = self.session.document
         assert isinstance(document, kind)
         return document

@@ -36,14 +36,11 @@ _HEIGHT_RANGE = Range(240, 4320, is_integer=True)
 
 
 class _Saved(NamedTuple):
-    """An attribute of a document that a button saves.
+    """An attribute of a document that the button ``Save NAME...`` writes to a file."""
 
-    `what` is the name in the button's label, `name` the default name of the file.
-    """
-
-    what: str
+    what: str  # in the label of the button
     tip: str
-    name: str
+    name: str  # default name of the file
     attribute: str = "result"
     endings: tuple[str, ...] = ()  # of the file; by default the suffixes of the kind of result
 
@@ -95,21 +92,18 @@ def draw(context: Context) -> None:
 
 
 def draw_result(context: Context) -> None:
-    """Draw the buttons that save a match and its labels."""
     _draw_save(context, _MATCH)
     if context.session.document.labels is not None:
         _draw_labels(context)
 
 
 def draw_registration(context: Context) -> None:
-    """Draw the buttons that save a registration, its match and its labels."""
     _draw_save(context, _REGISTRATION)
     context.ui.same_line_if_fits("Save result...", is_button=True)
     draw_result(context)
 
 
 def draw_sequence(context: Context) -> None:
-    """Draw the buttons that save the fields of a sequence and their tables."""
     ui = context.ui
     _draw_save(context, _SEQUENCE)
     for name, table in abfm.sequences.SequenceTask.tables.items():
@@ -130,7 +124,6 @@ def _tip(context: Context, text: str) -> str:
 
 
 def _draw_save(context: Context, saved: _Saved) -> None:
-    """Draw the button that saves a part of the document."""
     session = context.session
 
     def save(path: Path) -> None:
@@ -161,7 +154,7 @@ def _draw_labels(context: Context) -> None:
 
 
 def draw_state(context: Context) -> None:
-    """Draw the state of exports, at the end of the tab so that other widgets do not move."""
+    """Draw the progress of exports, at the end of the tab so that other widgets do not move."""
     ui, session, exporter = context.ui, context.session, context.exporter
     if exporter.running:
         draw_step(ui, exporter.step)

@@ -36,7 +36,6 @@ _AUTO = {"alpha": Auto(1.0, _CHOSEN_TIP), "sigma": Auto(LAST_SIGMA, _CHOSEN_TIP)
 
 
 def draw_frames(context: Context) -> None:
-    """Draw the mesh, the channels and the times of the frames."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence = document.sequence
     if ui.button("Open mesh...", "Open a mesh file. It can also be dropped on the window."):
@@ -89,7 +88,7 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
 
 
 def draw_pair(context: Context) -> None:
-    """Draw the choice of two frames and the button that matches them."""
+    """Draw the choice of two frames, and the button that matches only these."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence = document.sequence
     ui.heading("two frames")
@@ -108,7 +107,6 @@ def draw_pair(context: Context) -> None:
 
 
 def draw_settings(context: Context) -> None:
-    """Draw the settings with which all intervals are matched."""
     ui, document, editor = context.ui, context.document(SequenceDocument), context.session.editor
     settings = document.settings
     for label, name, ends, tip in (
@@ -137,7 +135,7 @@ def draw_settings(context: Context) -> None:
 
 
 def _chosen(document: SequenceDocument) -> str:
-    """Return the values that were chosen for the current fields."""
+    """Return the settings that the solver chose, such as ``chosen: α 0.3``; empty if none."""
     result, settings = document.result, document.settings
     if result is None:
         return ""

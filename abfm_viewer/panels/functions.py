@@ -51,14 +51,13 @@ _MAP = (
 
 
 def draw_mesh(context: Context) -> None:
-    """Draw the name and the size of the surface."""
     document = context.session.document
     mesh = document.surface().mesh
     _draw_meshes(context, document.name, (_size(mesh), "muted"), 2 * [_area(mesh)])
 
 
 def draw_meshes(context: Context) -> None:
-    """Draw names and sizes of both surfaces, and the initial map between them."""
+    """Draw the name and size of both surfaces, and the initial map between them."""
     surfaces = context.session.document.surfaces
     first, second = (
         f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
@@ -116,7 +115,7 @@ def draw(context: Context) -> None:
 
 
 def _draw_circular(ui: Ui, session: Session) -> None:
-    """Draw the switch for comparing phases by cosine and sine, if the active channel has phases."""
+    """Draw the checkbox "circular" if the values of the active channel are phases."""
     assert session.active is not None
     specs = session.active.specs
     is_circular = any(functions.without_circle(spec) != spec for spec in specs)
@@ -130,10 +129,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 
 def _draw_expected(ui: Ui, session: Session) -> None:
-    """Draw why no flow can match the functions, and the advice.
-
-    It is drawn at the end, so that other widgets do not move.
-    """
+    """Draw why no flow can match, and advice; at the end, so that other widgets do not move."""
     if (facts := session.work.expected_facts) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
@@ -173,7 +169,7 @@ def _draw_channels(context: Context) -> None:
 
 
 def _display_name(document: MatchDocument, spec: str) -> str:
-    """Return a short name of a function; for results the name in their table."""
+    """Return a short name of a function; for results the name in the table of results."""
     text = document.display_names.get(spec, spec)
     try:
         return _short(functions.parse(text))
@@ -211,7 +207,7 @@ def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
 
 
 class _Side:
-    """Draws one side of a channel, and applies changes to it."""
+    """Widgets of the source or the target of the active channel."""
 
     def __init__(self, context: Context, side: Side, spec: str) -> None:
         self._context, self._ui, self._session = context, context.ui, context.session
@@ -243,7 +239,7 @@ class _Side:
         ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
-        """Set the spec of the side; an error is shown below the widget. A drag is one step."""
+        """Set the spec of the side; show an error below the widget. A drag is one step of undo."""
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
@@ -341,10 +337,7 @@ class _Side:
         self._context.dialogs.open(title, file.kind.suffixes, take)
 
     def _vertex(self) -> int:
-        """Return the centre of the first Gaussian, or the vertex of the largest value.
-
-        The vertex is numbered as in the file.
-        """
+        """Return the vertex, numbered as in the file, of the first Gaussian or largest value."""
         for gaussian in gaussians.gaussians(self._spec):
             try:
                 return gaussians.centre(gaussian, self._mesh)
@@ -358,16 +351,13 @@ class _Side:
 
 
 def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
-    """Return the example of a family for a mesh and a vertex, numbered as in the file."""
+    """Return the example of a function family at a vertex, which is numbered as in the file."""
     middle = f"{mesh.vertices[:, 1].mean():.3g}"
     return functions.parse(example.format(vertex=vertex, middle=middle))
 
 
 def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw the choice of a function's shape and a widget for each parameter.
-
-    Parameters without a slider are first, two in a line.
-    """
+    """Draw a function's shape, its parameters without a slider (two per line), and its sliders."""
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
         now = function.shape()
@@ -401,8 +391,6 @@ def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put:
 
 @dataclass(frozen=True)
 class _Control:
-    """Widget of a parameter."""
-
     ui: Ui
     function: functions.Family
     mesh: TriangleMesh
@@ -411,7 +399,7 @@ class _Control:
 
     @cached_property
     def ends(self) -> Range | None:
-        """Range of the slider; None for a parameter that is chosen or typed."""
+        """Range of the slider; None for a parameter that the user selects or types."""
         kind, slider = self.parameter.kind, self.parameter.slider
         if kind.choices or getattr(self.function, self.parameter.name) is None:
             return None

@@ -21,15 +21,12 @@ _FILE = "file"
 
 
 class _Choice(NamedTuple):
-    """A word of `abfm.registration.initial` with its tooltip and its files.
-
-    `titles` are the titles of the dialogs that open the files, `suffixes` their suffixes.
-    """
+    """An initial map of `abfm.registration.initial`, and the files that it needs."""
 
     word: str
-    about: str
-    titles: tuple[str, ...] = ()
-    suffixes: tuple[str, ...] = MESHES
+    about: str  # tooltip
+    titles: tuple[str, ...] = ()  # of the dialogs that open the files
+    suffixes: tuple[str, ...] = MESHES  # of the files
     can_mirror: bool = False
 
 
@@ -91,7 +88,6 @@ _OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map in the registration 
 
 
 def draw(context: Context) -> None:
-    """Draw the choice of the map between two surfaces."""
     ui, document, editor = context.ui, context.document(PairDocument), context.session.editor
     word, mirror, files = _parts(document.initial)
     choices = {**_CHOICES} | (_OPENED_CHOICE if word == GIVEN_WORD else {})
@@ -127,7 +123,7 @@ def draw_notes(context: Context) -> None:
 
 
 def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
-    """Apply a choice after the user chose its files, one after another."""
+    """Let the user choose the files of a map, one after another, and then apply the map."""
     missing = choice.titles[len(files) :]
     if not missing:
         context.session.editor.change(_STEP, initial=_joined(choice.word, False, files))
@@ -140,7 +136,7 @@ def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
 
 
 def _parts(word: str) -> tuple[str, bool, tuple[str, ...]]:
-    """Split the text of an initial map into its word, whether A is mirrored, and files."""
+    """Split the text of an initial map into its word, whether A is mirrored, and its files."""
     base, _, rest = word.partition(":")
     if base == _FILE:
         return base, False, (rest,)

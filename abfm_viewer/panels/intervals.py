@@ -29,7 +29,6 @@ _DOTS_MAX = 60  # longer sequences are drawn without dots
 
 
 def draw(context: Context) -> None:
-    """Draw the plot; a click shows the interval."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence, result = document.sequence, document.result
     is_live = session.sequence_match.found_count(document) > 0
@@ -109,7 +108,7 @@ def _across(sequence: FrameSequence) -> str:
 
 
 def _present(context: Context, sequence: FrameSequence) -> None:
-    """Shade the current interval, and draw the shown time."""
+    """Shade the interval of the shown time, and draw a line at the shown time."""
     ui, time = context.ui, context.session.document.time
     now = sequence.interval(time)
     ends = float(sequence.times[now]), float(sequence.times[now + 1])
@@ -118,7 +117,7 @@ def _present(context: Context, sequence: FrameSequence) -> None:
 
 
 def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> None:
-    """Show a clicked interval, and record the intervals for scripts by their numbers."""
+    """Show a clicked interval; scripts can click on ``interval 0``, ``interval 1``, ..."""
     ui, session = context.ui, context.session
     known = values[np.isfinite(values)]
     level = float(np.median(known)) if len(known) else 1.0
@@ -135,7 +134,6 @@ def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> No
 
 
 def _tooltip_text(context: Context, sequence: FrameSequence, at: int) -> str:
-    """Return the frames, speed, residuals and verdict of an interval."""
     session, document = context.session, context.document(SequenceDocument)
     lines = [f"{sequence.frame_label(at)} to {sequence.frame_label(at + 1)}"]
     speed = session.sequence_match.speeds(document)[at]

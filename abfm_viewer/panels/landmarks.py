@@ -68,7 +68,6 @@ def _draw_list(context: Context) -> None:
 
 
 def read(session: Session, path: Path) -> None:
-    """Replace the landmarks by the pairs of a file."""
     a, b = (session.surface(side).mesh for side in SIDES)
     with session.notices.showing_errors():
         found = landmarks_of(abfm.registration.read_landmarks(a, b, str(path)))

@@ -69,10 +69,7 @@ def draw_links(context: Context) -> None:
 
 
 def _draw_labels(context: Context, opens: bool) -> None:
-    """Draw the labels, and the button that opens others.
-
-    If ``opens``, the dialog opens immediately unless there are labels.
-    """
+    """Draw the labels and a button that opens others; ``opens`` presses it if there are none."""
     ui, labels = context.ui, context.session.document.labels
     tip = "Open labels of the source's surface: .label.gii, .annot, .dlabel.nii, or integers."
     if ui.button(_LABELS, tip) or (opens and labels is None):
@@ -112,7 +109,6 @@ def draw_field(context: Context) -> None:
 
 
 def draw_tracks(context: Context) -> None:
-    """Draw the switch for the tracks of a sequence, and the legend of their colours."""
     ui, session = context.ui, context.session
     with ui.disabled(session.document.result is None):
         _switch(context, "tracks", "tracks", "toggle tracks", _TRACKS)

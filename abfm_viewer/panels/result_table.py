@@ -58,7 +58,7 @@ _HEIGHT_MIN = 130
 
 
 def height(available: float, scale: float) -> float:
-    """Return the height of the table from the height for surfaces and table, in pixels."""
+    """Return the height of the table in pixels; ``available`` is that of surfaces and table."""
     share = _HEIGHT_SHARE * available
     return max(min(_HEIGHT * scale, share), min(_HEIGHT_MIN * scale, available / 2))
 
@@ -75,7 +75,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _draw_line(ui: Ui, tables: Tables) -> None:
-    """Draw the line above the rows."""
+    """Draw the line above the rows: summary, search, comparison and buttons."""
     table = tables.table
     assert table is not None
     buttons = ("Refresh", "Close table")
@@ -142,7 +142,7 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
 
 
 def _height_of_rows(room: float) -> float:
-    """Return the height of the headings and of as many complete rows as fit."""
+    """Return the height of the headings and of as many complete rows as fit, in pixels."""
     border = 2.0
     return _row_height() * max((room - border) // _row_height(), 1.0) + border
 
@@ -152,7 +152,7 @@ def _row_height() -> float:
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
-    """Return the columns that fit next to names and reasons."""
+    """Return the columns that fit into a width, in pixels."""
     style = imgui.GetStyle()
     padding = 2 * style.CellPadding[0] + 1
     for column in (None, *_SPARE_COLUMNS):
@@ -167,17 +167,13 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
 
 
 def _width(ui: Ui, column: Name) -> float:
-    """Return the width of the heading and the texts of a column."""
     texts = tuple(Outcome) if column == "verdict" else (_WIDEST_NUMBER,)
     head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW_WIDTH)
     return max(head, *map(ui.text_width, texts))
 
 
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
-    """Return the end of each row below the headings, (n,) in pixels.
-
-    The reasons wrap in a column of the given width.
-    """
+    """Return the lower end of each row, (n,) in pixels; reasons wrap in a column of ``width``."""
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:
@@ -189,7 +185,7 @@ def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
 
 
 def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
-    """Draw the headings, and return the width of the column of reasons, 0 without it."""
+    """Draw the headings; return the width of the column of reasons, 0 if it is hidden."""
     width = 0.0
     for column in columns:
         if column in _WEIGHTS:
@@ -220,7 +216,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
-    """Draw the sort direction at the right of a heading."""
+    """Draw an arrow for the direction of sorting at the right of a heading."""
     (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
     size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
     tip, base = (y + size, y - size) if falls else (y - size, y + size)
@@ -234,7 +230,7 @@ Rows = tuple[tuple[ResultRow, ...], FloatArray]
 
 
 def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows) -> None:
-    """Draw the visible rows, and leave the space of all others empty."""
+    """Draw the visible rows, and leave space for the others."""
     rows, ends = placed
     visible = imgui.GetWindowHeight() - _row_height()  # height below the headings
     if tables.scrolls:
@@ -254,7 +250,6 @@ def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows)
 
 
 def _scroll(tables: Tables, placed: Rows, visible: float) -> None:
-    """Scroll to the selected row."""
     tables.scrolls = False
     rows, ends = placed
     keys = [row.key for row in rows]
@@ -269,7 +264,7 @@ def _scroll(tables: Tables, placed: Rows, visible: float) -> None:
 def _draw_row(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: tuple[ResultRow, float]
 ) -> None:
-    """Draw a row of a given height in pixels."""
+    """Draw a row; ``placed`` is the row and its height in pixels."""
     row, high = placed
     is_chosen, padding = row.key == tables.cursor, _row_height() - imgui.GetTextLineHeight()
     flags = imgui.ImGuiSelectableFlags_SpanAllColumns

@@ -37,13 +37,10 @@ Tabs = dict[str, dict[str, Draw]]
 
 
 class Panels(NamedTuple):
-    """Functions that draw the state of a run or result, and the parts of each tab.
-
-    The tabs are given by their labels; the parts of a tab are drawn below each other.
-    """
+    """Functions that draw the state of a run or result, and the tabs."""
 
     state: Callable[[Ui, Session], None]
-    tabs: Tabs
+    tabs: Tabs  # by label; the parts of a tab are below each other
 
 
 def _tabs(

@@ -57,7 +57,7 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
 
 
 def draw_subject(ui: Ui, session: Session) -> None:
-    """Draw the state of a subject's match, or of its comparison if there is no match."""
+    """Draw the state of a subject's match; without a match, that of its comparison."""
     compared, solver = session.document.active_comparison, session.solver
     if compared is None or solver.running or solver.failed or session.result is not None:
         draw_match(ui, session)
@@ -66,7 +66,6 @@ def draw_subject(ui: Ui, session: Session) -> None:
 
 
 def draw_match(ui: Ui, session: Session) -> None:
-    """Draw the progress of a match, or its verdict."""
     if session.solver.running:
         _draw_progress(ui, session)
     else:
@@ -99,7 +98,6 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
 
 
 def draw_switches(ui: Ui, session: Session) -> None:
-    """Draw the switches for restarts and for the start of runs."""
     matching, label = session.matching, "restart on changes##Restart on changes"
     matching.follow = ui.checkbox(label, matching.follow, _FOLLOW_TIP)
     ui.same_line_if_fits(_WARM_START_LABEL)
@@ -142,7 +140,6 @@ def draw_step(ui: Ui, step: Step) -> None:
 
 
 def draw_sequence(ui: Ui, session: Session) -> None:
-    """Draw the progress of a sequence's match, or its verdict and that of the interval."""
     document, run = session.document, session.sequence_match
     assert isinstance(document, SequenceDocument)
     sequence, result = document.sequence, document.result
@@ -185,7 +182,7 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 
 
 def _draw_before(ui: Ui, session: Session) -> None:
-    """Draw the expected outcome, or the reason why no match can start."""
+    """Draw the expected outcome of a match, or the reason why no match can start."""
     if (facts := session.work.expected_facts) is not None:
         _draw_expected(ui, facts)
         return
@@ -223,7 +220,6 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
 
 
 def _draw_compared(ui: Ui, compared: Comparison) -> None:
-    """Draw the verdict of a subject that is shown on the template."""
     found, number = compared.population, compared.subject
     verdict = found.verdicts[number] or "failed"
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
@@ -236,7 +232,7 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
 
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    """Draw buttons for remedies, or advice if no button can apply it."""
+    """Draw a button for each remedy, or advice if there is no button for it."""
     was_interrupted, verdict = verdict_words.was_interrupted(result), result.verdict
     # if the complete map is the cause, no other flow helps
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
@@ -270,7 +266,6 @@ def _distorts(facts: Facts) -> bool:
 
 
 def _draw_again(ui: Ui, session: Session, was_interrupted: bool) -> None:
-    """Draw the buttons for an outdated result."""
     tip = "Match the current functions with the current parameters."
     if ui.button("Match again", tip, enabled=not session.obstacle):
         session.match()

@@ -16,10 +16,7 @@ _DETAILS_GAP = 16  # between text and details, at a scale of 1
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw a notice or the current activity.
-
-    At the right are the mesh, its size and the frames per second, as far as they fit.
-    """
+    """Draw a notice or the current activity; at the right the mesh, its size and the frame rate."""
     ui, session = context.ui, context.session
     with window(ui, "status line", rect):
         left = imgui.GetCursorPosX()
@@ -36,7 +33,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return the mesh, its size and frames per second, in forms of decreasing length."""
+    """Return mesh, size and frames per second, in several forms of decreasing length."""
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"

@@ -23,12 +23,12 @@ _TICK_DISTANCE_MIN = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
-    """Return the widths of the groups buttons, repeat, beyond tau and speed, at a scale of 1."""
+    """Return the widths of buttons, "repeat", "beyond τ" and "speed", at a scale of 1."""
     return 180, 153 if width >= _CAPTION_WIDTH_MIN else 70, 106, 136
 
 
 def rows(width: float) -> list[int]:
-    """Return the row of each group of widgets, for a width at a scale of 1."""
+    """Return the row of each group of widgets in a bar of a width, at a scale of 1."""
     found, used = [0], 0.0
     for needed in groups(width):
         fits = used + needed <= width - PADDING
@@ -38,7 +38,6 @@ def rows(width: float) -> list[int]:
 
 
 def height(width: float, scale: float) -> float:
-    """Return the height of a bar of a given width, in pixels."""
     return (PADDING - 6 + _ROW_HEIGHT * (1 + len(set(rows(width / scale))))) * scale
 
 
@@ -96,11 +95,7 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """Draw the time slider.
-
-    For a match it covers 0 to 2 tau, with a tick at tau. For a sequence it covers all frames, with
-    a tick at each.
-    """
+    """Draw the time slider: 0 to 2 tau with a tick at tau, or all frames with a tick at each."""
     ui, session = context.ui, context.session
     document = session.document
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
@@ -136,7 +131,7 @@ def _slider(context: Context) -> None:
 
 
 def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
-    """Draw the slider's ground and a tick at each frame; crowded ticks are thinned out."""
+    """Draw the background of the slider with a tick at each frame, or at every n-th of many."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed = imgui.GetColorU32
@@ -151,7 +146,7 @@ def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
-    """Draw the slider's ground with its texts, placed so that the grab does not cover them.
+    """Draw the background of the slider, with texts at places that the grab does not cover.
 
     ``share`` is the position of the grab, 0 to 1.
     """

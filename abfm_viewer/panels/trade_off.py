@@ -51,7 +51,6 @@ def path_of(session: Session) -> Steps:
 
 
 def draw(context: Context, path: Steps) -> None:
-    """Draw the choice of a step, the bound of distortion, and the curve."""
     ui, session = context.ui, context.session
     is_live = session.solver.running
     shown = len(path) - 1 if is_live else session.steps.shown
@@ -81,7 +80,6 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
 
 
 def _bound(ui: Ui, session: Session) -> None:
-    """Draw the bound of distortion, and the button that searches for a field within it."""
     bound = session.bound
     caption = ui.text_width("distortion") + imgui.GetStyle().ItemSpacing[0]
     width = min(ui.px(90), imgui.GetContentRegionAvail()[0] - caption)
@@ -99,7 +97,6 @@ def _bound(ui: Ui, session: Session) -> None:
 
 
 def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
-    """Draw the button that starts or stops the search within the bound."""
     bound = session.bound
     label = _STOP if bound.busy else LIMIT
     tip = f"{_LIMIT_TIP} The bound is {bound.maximum:g}."
@@ -143,7 +140,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
 def _clicks(
     ui: Ui, session: Session, path: Steps, curve: tuple[FloatArray, ...], chosen: int | None
 ) -> None:
-    """Let the mouse point at marks, and record those of the residual for scripts by their steps."""
+    """Show tooltips of markers, and a clicked step; scripts can click on ``step 1``, ..."""
     areas, *residuals = curve
     places = np.array(
         [
@@ -165,7 +162,7 @@ def _clicks(
 
 
 def area_ticks(widest: float) -> list[float]:
-    """Return ticks of the axis of areas, from 0: base-2 logarithms of round factors."""
+    """Return ticks of the axis of area changes, from 0: base-2 logarithms of round factors."""
     ticks = [0.0]
     for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
         place = float(np.log2(times))
@@ -175,7 +172,7 @@ def area_ticks(widest: float) -> list[float]:
 
 
 def _step_text(path: Steps, number: int, chosen: int | None) -> str:
-    """Return parameters, residuals and distortion of a step; unknown numbers are omitted."""
+    """Return parameters, residuals and distortion of a step, as far as they are known."""
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:

@@ -34,7 +34,7 @@ _CARD = (
 def _ended(
     ui: Ui, end: Callable[[], object], section: str = "", rect: Rect | None = None
 ) -> Iterator[None]:
-    """Draw a block in a part of the window, by default ImGui's current one, and call ``end``."""
+    """Record the widgets of the block in a section and an area, and call ``end`` after it."""
     try:
         (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
         area = rect or (left, top, left + width, top + imgui.GetWindowHeight())
@@ -81,10 +81,7 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
 def card(
     ui: Ui, name: str, place: tuple[float, float, float], color: Color, highest: float
 ) -> Iterator[None]:
-    """Draw a window with a coloured edge and without focus.
-
-    Its height fits its contents, up to ``highest``.
-    """
+    """Draw a window with a coloured edge, without focus, as high as its contents."""
     left, top, width = place
     imgui.SetNextWindowPos((left, top))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
@@ -105,8 +102,8 @@ def child(
 ) -> Iterator[None]:
     """Draw a part of a panel that scrolls separately.
 
-    A negative height leaves that much space below the part. If it ``fits`` "at most" or "at least",
-    the height fits the contents within that limit.
+    A negative height leaves that much space below the part. If ``fits`` is "at most" or "at least",
+    the height is that of the contents within this limit.
     """
     flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
     style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
@@ -127,7 +124,7 @@ def child(
 
 
 def _keep_scroll(ui: Ui, name: str) -> None:
-    """Remember the scroll position of the current window, and restore it in a new context."""
+    """Store the scroll position of the current window, and restore it in a new ImGui context."""
     ui.hidden_heights[name] = imgui.GetScrollMaxY()
     if ui.capturing or name not in ui.scrolls:
         imgui.SetScrollY(ui.scrolls.setdefault(name, 0.0))
@@ -152,10 +149,7 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
 
 
 def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
-    """Draw a row of tabs as wide as the panel, and return the label of the open one.
-
-    At first the first tab is open.
-    """
+    """Draw tabs across the panel; return the label of the open one, at first the first."""
     if ui.open_tab not in labels:
         ui.open_tab = labels[0]
     gap, colors = ui.px(2), ui.colors
@@ -208,7 +202,6 @@ def menu(ui: Ui, label: str) -> Iterator[bool]:
 def menu_item(
     ui: Ui, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True
 ) -> bool:
-    """Draw an entry of a menu, and return whether it was chosen."""
     chosen = imgui.MenuItem(label, shortcut, checked, enabled and ui.record.enabled)
     ui.record_item(label, "item", enabled=enabled, text="checked" if checked else "")
     return bool(chosen)

@@ -31,7 +31,7 @@ _TICKS_MIN = 3
 
 @contextmanager
 def plot(ui: Ui, label: str) -> Iterator[bool]:
-    """Draw a plot as high as the panel allows."""
+    """Draw a plot as high as the panel allows; yield whether it is visible."""
     colors = {
         implot.ImPlotCol_FrameBg: _TRANSPARENT_COLOR,
         implot.ImPlotCol_PlotBg: ui.colors.ground,
@@ -55,7 +55,7 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
 def set_up(
     title: str, ends: tuple[float, float], shares: Sequence[FloatArray], inverted: bool = False
 ) -> None:
-    """Set up a horizontal axis with a title and a logarithmic vertical axis for residuals."""
+    """Set up a horizontal axis and a logarithmic vertical axis for residuals, in percent."""
     low, high = _around(np.concatenate([positive(values) for values in shares]))
     across, up = implot.ImAxis_X1, implot.ImAxis_Y1
     flags = implot.ImPlotAxisFlags_Invert if inverted else implot.ImPlotAxisFlags_None
@@ -90,7 +90,7 @@ def span(start: float, end: float, color: Color) -> None:
 
 
 def _around(values: FloatArray) -> tuple[float, float]:
-    """Return limits of a logarithmic axis for values, with a margin for marks."""
+    """Return limits of a logarithmic axis for values, with margins for markers."""
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if len(known) else (0.1, 1.0)
     factor = max((high / low) ** _MARGIN, np.sqrt(max(_AXIS_FACTOR_MIN * low / high, 1.0)))
@@ -110,7 +110,7 @@ def share_ticks(low: float, high: float) -> list[float]:
 
 
 def positive(values: FloatArray) -> FloatArray:
-    """Return values for a logarithmic axis, with NaN for values that it cannot show."""
+    """Return values for a logarithmic axis; those that it cannot show become NaN."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 

@@ -35,12 +35,9 @@ _BOX_WIDTH = 76  # of the box next to a slider
 
 
 class Auto(NamedTuple):
-    """Checkbox for the automatic choice of a number.
+    """Checkbox next to a number that the solver can choose automatically."""
 
-    `first` is the value after the checkbox is cleared.
-    """
-
-    first: float
+    first: float  # value after the checkbox is cleared
     tip: str
 
 
@@ -53,27 +50,17 @@ class _WidgetRow(NamedTuple):
 class Refusals:
     """Refused values of widgets, by `WidgetRecord.path`.
 
-    The typed text stays in the box, so that it can be corrected, until a value is accepted.
-
-    Attributes
-    ----------
-    reasons : dict
-        Why values were refused.
-    texts : dict
-        Texts that boxes show instead of their values.
-    entered : dict
-        Texts that were entered in this frame; they are kept if they are refused.
+    A typed text that is refused stays in its box, so that it can be corrected.
     """
 
     def __init__(self, record: WidgetRecord) -> None:
         self.reasons: dict[str, str] = {}
-        self.texts: dict[str, str] = {}
-        self.entered: dict[str, str] = {}
+        self.texts: dict[str, str] = {}  # of boxes, in place of their values
+        self.entered: dict[str, str] = {}  # in this frame; kept if they are refused
         self._record = record
         self._accepted: tuple[object, ...] = ()
 
     def refuse(self, name: str, reason: str) -> None:
-        """Record why the new value of a widget was refused."""
         self.accept(name)
         key = self._record.path(name)
         self.reasons[key] = reason
@@ -88,7 +75,7 @@ class Refusals:
     def refusing(self, name: str, label: str = "") -> Iterator[None]:
         """Refuse the new value of a widget if the block raises an `AbfmError`.
 
-        If the message begins with the name of the widget, its label replaces the name.
+        In a message that begins with the name of the widget, its label replaces the name.
         """
         self.accept(name)
         try:
@@ -99,7 +86,7 @@ class Refusals:
             self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
 
     def accept_after(self, *values: object) -> None:
-        """Remove all refusals if one of the values changed, because a value was accepted then."""
+        """Remove all refusals if one of the values changed, as the user has then corrected them."""
         if list(map(id, values)) != list(map(id, self._accepted)):
             for key in self.reasons:
                 self.texts.pop(key, None)
@@ -108,7 +95,7 @@ class Refusals:
 
 
 class Ui:
-    """Draws widgets and texts, and records their positions; also used by `containers`."""
+    """Draws widgets and texts, and records their positions."""
 
     def __init__(self) -> None:
         self.scale = 1.0  # pixels per unit of length
@@ -147,7 +134,7 @@ class Ui:
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Draw disabled widgets, which are paler behind a dialog."""
+        """Draw the widgets of the block as disabled; behind a dialog they are paler."""
         style = imgui.GetStyle()
         paler = condition and not self.record.enabled
         alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
@@ -160,7 +147,7 @@ class Ui:
 
     @contextmanager
     def group(self, name: str) -> Iterator[None]:
-        """Draw widgets in a named group, which distinguishes widgets of the same label."""
+        """Draw the widgets of the block in a group, so that labels need not be unique."""
         imgui.PushID(name)
         try:
             with self.record.within(name):
@@ -171,15 +158,14 @@ class Ui:
     # Texts
 
     def note(self, text: str, kind: TextTone = "muted") -> None:
-        """Write text that wraps at the panel's edge."""
         imgui.PushTextWrapPos(0)
         self._write(text, getattr(self.colors, kind))
         imgui.PopTextWrapPos()
 
     def line(self, text: str, kind: TextTone = "muted", tip: str = "", room: float = 0) -> None:
-        """Write text on one line; if it does not fit, abbreviate it and show it in the tooltip.
+        """Write text on one line; if it is too wide, abbreviate it and show it in the tooltip.
 
-        ``room`` is the width, by default that of the panel.
+        ``room`` is the available width, by default that of the panel.
         """
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         self._write(shown, getattr(self.colors, kind))
@@ -188,7 +174,7 @@ class Ui:
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
         """Write a title with a line, and leave space at the right for buttons that are drawn next.
 
-        A title that does not fit is abbreviated and shown in the tooltip.
+        A title that is too wide is abbreviated, and complete in the tooltip.
         """
         left, _ = imgui.GetCursorScreenPos()
         right = left + imgui.GetContentRegionAvail()[0]
@@ -210,17 +196,15 @@ class Ui:
             self.same_line(stop + spacing - end)
 
     def align(self) -> None:
-        """Align the next text vertically with buttons and boxes of its line."""
         imgui.AlignTextToFramePadding()
 
     def same_line(self, spacing: float = -1) -> None:
-        """Draw the next item on the same line."""
         imgui.SameLine(0, spacing)
 
     def same_line_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
         """Draw the next checkbox or button on the same line if it fits.
 
-        ``width`` is the width of a button if it differs from that of the label.
+        ``width`` is that of a button, if it is not as wide as its label.
         """
         right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
         style = imgui.GetStyle()
@@ -268,7 +252,7 @@ class Ui:
         imgui.EndTooltip()
 
     def refusal(self, name: str, otherwise: str = "") -> None:
-        """Write why the new value of a widget was refused, or another error."""
+        """Write the reason why the new value of a widget was refused, or another error."""
         if reason := self.refusals.reasons.get(self.record.path(name), "") or otherwise:
             self.note(reason, "failure")
 
@@ -287,9 +271,9 @@ class Ui:
         primary: bool = False,
         width: float = 0,
     ) -> bool:
-        """Draw a button, and return whether it was pressed.
+        """Draw a button; return whether it was pressed.
 
-        A negative width leaves that much space at the right.
+        A negative width leaves space at the right.
         """
         text, name = _text_and_name(label)
         room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
@@ -315,7 +299,6 @@ class Ui:
         return pressed
 
     def checkbox(self, label: str, value: bool, tip: str = "") -> bool:
-        """Draw a checkbox, and return its new value."""
         text, name = _text_and_name(label)
         shown = self._fitted_next_to_box(text)
         with self._outlined():
@@ -331,10 +314,7 @@ class Ui:
         tip: str = "",
         width: float = 0,
     ) -> Word:
-        """Draw a drop-down list, and return the chosen word.
-
-        The choices may be a mapping with a tooltip for each word.
-        """
+        """Draw a drop-down list; return the chosen word. A mapping has a tooltip for each word."""
         text, name = _text_and_name(label)
         width, caption = self._placed(text, width)
         text = text or name
@@ -379,7 +359,7 @@ class Ui:
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
-        """Draw a slider with a text box, and return a new value or None.
+        """Draw a slider with a text box; return a new value, or None if nothing changed.
 
         The box accepts values outside the range of the slider. A text that is not a number is
         refused with a message.
@@ -391,10 +371,9 @@ class Ui:
     def number_or_auto(
         self, label: str, value: float | None, ends: Range, tip: str, auto: Auto
     ) -> float | str | None:
-        """Draw a slider with a text box and a checkbox for an automatic choice.
+        """Draw a slider with a text box, and a checkbox for an automatic choice (value None).
 
-        The value of the automatic choice is None. Return a new value, `AUTO` if the automatic
-        choice was switched on, or None if nothing changed.
+        Return a new value, `AUTO` if the user ticked the checkbox, or None if nothing changed.
         """
         text, name = _text_and_name(label)
         width, caption = self._placed(text)
@@ -416,7 +395,7 @@ class Ui:
     def _slider_and_box(
         self, label: str, row: _WidgetRow, value: float, ends: Range, tip: str
     ) -> float | str | None:
-        """Draw slider, box and caption; return a number from the slider or a typed text."""
+        """Draw slider, box and caption; return a number from the slider, or a typed text."""
         text, name = _text_and_name(label)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         box = min(self.px(_BOX_WIDTH), row.width / 2)
@@ -433,7 +412,7 @@ class Ui:
         return slid if typed is None else typed
 
     def _understood(self, key: str, new: float | str | None) -> float | None:
-        """Return a number from the slider or from a typed text; other texts are refused."""
+        """Return a number from the slider or from a typed text; refuse other texts."""
         number = finite(new) if isinstance(new, str) else new
         if isinstance(new, str) and number is None:
             self.refusals.refuse(key, f"{new!r} is not a number")
@@ -452,7 +431,7 @@ class Ui:
     def slider(
         self, label: str, value: float, ends: Range, tip: str, tip_above: bool = False
     ) -> float | None:
-        """Draw a slider without text, as wide as ImGui's next item; return a new value or None."""
+        """Draw a slider, without a number, in ImGui's next width; return a new value or None."""
         text, name = _text_and_name(label)
         flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
         share = ends.share_of(ends.nearest(value))
@@ -465,10 +444,10 @@ class Ui:
     def text(
         self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0
     ) -> str | None:
-        """Draw a text box, and return the new text when Enter is pressed or the focus is lost.
+        """Draw a text box; return the new text when the user presses Enter or leaves the box.
 
-        Otherwise return None. A text that is then refused stays in the box, where it can be
-        corrected, or discarded by Escape.
+        Otherwise return None. A text that is refused stays in the box, where the user can correct
+        it, or discard it by Escape.
         """
         shown, _ = _text_and_name(label)
         width, caption = self._placed(shown, width)
@@ -504,7 +483,7 @@ class Ui:
     def live_text(
         self, label: str, value: str, hint: str, *, focus: bool = False, width: float = 0
     ) -> str:
-        """Draw a text box, and return its current text. ``focus`` gives it the keyboard focus."""
+        """Draw a text box; return its text in each frame. ``focus`` gives it the keyboard focus."""
         width, caption = self._placed(label, width)
         imgui.SetNextItemWidth(width)
         if focus:
@@ -531,10 +510,7 @@ class Ui:
     def _finish(
         self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
     ) -> None:
-        """Record the previous widget, and give it a tooltip.
-
-        ``shown`` is the part of the label that is visible.
-        """
+        """Record the previous widget, of whose label ``shown`` is visible, and add a tooltip."""
         shown = shown or label
         tip = _in_full(label, shown, tip)
         self.record_item(label, kind, tip=tip, shown=shown, **details)
@@ -565,7 +541,7 @@ class Ui:
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
         """Return the widths of the next widget and its caption.
 
-        The latter is 0 if the caption is above the widget, where it is drawn immediately.
+        The width of the caption is 0 if it is above the widget, where it is drawn immediately.
         """
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
@@ -578,7 +554,7 @@ class Ui:
         return room - caption - gap, caption
 
     def _caption(self, label: str, room: float, tip: str) -> None:
-        """Write the caption next to the previous widget, in the width from `_placed`."""
+        """Write the caption next to the previous widget, in the width that `_placed` returned."""
         if room:
             self.same_line(imgui.GetStyle().ItemInnerSpacing[0])
             self.align()
@@ -602,13 +578,13 @@ def pushed(
 
 
 def close_by_escape() -> None:
-    """Close the open menu or list by Escape; ImGui does it only with keyboard navigation."""
+    """Close the open menu or list by Escape, as ImGui does it only with keyboard navigation."""
     if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
         imgui.CloseCurrentPopup()
 
 
 def finite(text: str) -> float | None:
-    """Return the finite number in a text, or None."""
+    """Return the finite number that a text contains; None if it is not one."""
     with suppress(ValueError):
         number = float(text)
         return number if math.isfinite(number) else None
@@ -627,5 +603,5 @@ def _input(label: str, hint: str, value: str) -> str:
 
 
 def _in_full(text: str, shown: str, tip: str) -> str:
-    """Return a tooltip that begins with the complete text if only a part of it is shown."""
+    """Return a tooltip, which begins with the complete text if only a part of it is shown."""
     return "\n\n".join(filter(None, ["" if shown == text else text, tip]))

@@ -21,10 +21,7 @@ _DECADES = 6
 
 @dataclass(frozen=True)
 class Range:
-    """Range of a slider, linear or logarithmic.
-
-    Its values are integers if `is_integer`.
-    """
+    """Range of a slider, linear or logarithmic."""
 
     low: float
     high: float
@@ -59,45 +56,20 @@ class Range:
 
 @dataclass(frozen=True)
 class Widget:
-    """A widget as it was drawn in the latest frame.
+    """A widget as it was drawn in the latest frame."""
 
-    Attributes
-    ----------
-    label : str
-        Text that the user reads.
-    kind : str
-    rect : Rect
-    area : Rect
-        Visible area of its panel; widgets outside of it need scrolling.
-    section : str
-        Path of sections, groups, menus and dialogs that contain it, outermost first.
-    enabled : bool
-    ends : Range
-        Range of a slider.
-    text : str
-        Contents: text of a box, choice of a combo, value of a slider.
-    grab : float
-        Width of a slider's grab in pixels.
-    name : str
-        Name for scripts, such as a parameter's name in files; empty if it is the label.
-    shown : str
-        Part of the label that fits on the widget.
-    tip : str
-        Tooltip.
-    """
-
-    label: str
+    label: str  # text that the user reads
     kind: WidgetKind
     rect: Rect
-    area: Rect
-    section: str
+    area: Rect  # visible area of its panel; widgets outside of it need scrolling
+    section: str  # path of sections, groups, menus and dialogs around it, outermost first
     enabled: bool
-    ends: Range = Range(0, 1)
-    text: str = ""
-    grab: float = 0.0
-    name: str = ""
-    shown: str = ""
-    tip: str = ""
+    ends: Range = Range(0, 1)  # of a slider
+    text: str = ""  # contents: text of a box, choice of a combo, value of a slider
+    grab: float = 0.0  # width of a slider's grab in pixels
+    name: str = ""  # for scripts, such as a parameter's name in files; empty if it is the label
+    shown: str = ""  # part of the label that fits on the widget
+    tip: str = ""  # tooltip
 
     @property
     def path(self) -> str:
@@ -112,20 +84,17 @@ class Widget:
 
 
 class WidgetRecord:
-    """Record of the widgets of a frame.
-
-    `latest` are the widgets of the latest complete frame.
-    """
+    """Record of the widgets of a frame."""
 
     def __init__(self) -> None:
-        self.latest: list[Widget] = []
+        self.latest: list[Widget] = []  # of the latest complete frame
         self._drawn: list[Widget] = []
         self.areas: list[Rect] = []
         self._sections: list[str] = [""]
         self._disabled = 0
 
     def begin_frame(self, window: Rect) -> None:
-        """Start the record of a frame in a window, whose complete area is visible."""
+        """Start the record of a frame; ``window`` is the area of the window."""
         self._drawn, self.areas, self._sections, self._disabled = [], [window], [""], 0
 
     def end_frame(self) -> None:
@@ -136,7 +105,7 @@ class WidgetRecord:
         return not self._disabled
 
     def path(self, name: str) -> str:
-        """Return the path of a name in the current section, which is unique."""
+        """Return the path of a name in the current section; paths are unique."""
         return "/".join([*self._sections, name])
 
     @contextmanager
@@ -151,7 +120,7 @@ class WidgetRecord:
 
     @contextmanager
     def disabled(self, condition: bool) -> Iterator[None]:
-        """Record the widgets of the block as disabled, if the condition holds."""
+        """Record the widgets of the block as disabled if the condition holds."""
         self._disabled += condition
         try:
             yield
@@ -167,9 +136,9 @@ class WidgetRecord:
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every third frame as JSON into the file named by ``ABFM_WIDGETS``.
+    """Write the widgets of every third frame as JSON to the file in ``ABFM_WIDGETS``.
 
-    Programs that control a real window by mouse read it.
+    Programs that control a real window by the mouse read this file.
     """
     name = os.environ.get("ABFM_WIDGETS")
     if name and frame % 3 == 0:

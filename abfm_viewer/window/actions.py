@@ -44,7 +44,7 @@ _KEYS = _ARROWS | {"Esc": "Escape"}
 
 @dataclass(eq=False)
 class Action:
-    """An action that has keys."""
+    """Something that the user can do with keys."""
 
     group: str  # heading in the list in Help
     text: str  # description in that list
@@ -59,7 +59,7 @@ class Action:
 
     @property
     def hint(self) -> str:
-        """The first chord, with the names on the user's keyboard."""
+        """The first shortcut, with the names of keys on the user's keyboard."""
         return self.chords[0].replace("Ctrl", COMMAND)
 
     @property
@@ -87,7 +87,7 @@ def axis_front(axis: str) -> Front:
 
 
 def unsaved_work(session: Session) -> str:
-    """Return the text of the question before closing: the unsaved work in each document."""
+    """Return the question before closing: the unsaved work in each document."""
     texts, running = [], session.solver.running
     if running:
         name = session.document.name
@@ -99,10 +99,9 @@ def unsaved_work(session: Session) -> str:
 
 
 class Actions:
-    """The actions of the window, as attributes; `all` has them in the order of the list in Help.
+    """Actions of the window, as attributes; `all` has them in the order of the list in Help.
 
-    ``over`` returns the name of the surface under the mouse, and ``close`` closes the window
-    without a question.
+    ``over`` returns the surface under the mouse, ``close`` closes the window without a question.
     """
 
     def __init__(
@@ -194,7 +193,7 @@ class Actions:
     # Help
 
     def listed(self) -> list[tuple[str, str]]:
-        """Return the list in Help: keys and descriptions, or a heading and an empty text."""
+        """Return keys and descriptions for Help; the description of a heading is empty."""
         rows: list[tuple[str, str]] = []
         for group in dict.fromkeys(action.group for action in self.all):
             rows.append((group, ""))
@@ -254,7 +253,7 @@ class Actions:
     def _save(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
-        """Save a document, by default the present one, in its file, or choose a file first."""
+        """Save a document, by default the current one, in its file, or choose a file first."""
         document = document or self._session.document
         origin = self._session.saves.origin(document)
         is_present = document.identity is self._session.document.identity
@@ -302,7 +301,6 @@ class Actions:
             self._session.solver.cancel()
 
     def _select_next(self, count: int) -> None:
-        """Show another row of the table, or another step of the path."""
         if self._files.tables.has_keys:
             self._files.tables.move(count)
         elif not self._session.solver.running:

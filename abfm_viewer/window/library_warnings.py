@@ -17,7 +17,7 @@ class LibraryWarnings:
         warnings.showwarning = self._collect
 
     def update(self, notices: Notices) -> None:
-        """Show the collected warnings; call this once per frame."""
+        """Show the collected warnings as cards. Call once per frame."""
         while self._texts:
             notices.show(self._texts.popleft(), True)
 

@@ -30,8 +30,6 @@ _FINER_TIP = (
 
 
 def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
-    """Draw the menu bar, with the name of the document at the right."""
-
     def draw_samples(ui: Ui, actions: Actions) -> None:
         samples.draw(ui, actions.context.files, textures)
 
@@ -105,7 +103,7 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
 
 
 def _short(path: Path) -> str:
-    """Return a path that fits into a menu, with ~ for the user's directory."""
+    """Return a path that is short enough for a menu, with ~ for the user's directory."""
     text, home = str(path), str(Path.home())
     if text.startswith(f"{home}/"):
         text = f"~{text[len(home) :]}"

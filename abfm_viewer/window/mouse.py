@@ -31,13 +31,10 @@ class _Turn:
 
 
 class Mouse:
-    """State of the mouse between frames.
-
-    `over` is the surface in whose slot the mouse is; it is empty if the mouse is elsewhere.
-    """
+    """State of the mouse between frames."""
 
     def __init__(self) -> None:
-        self.over = ""
+        self.over = ""  # surface in whose slot the mouse is
         self._edited: Side | None = None
         self._dragged: DrawnLandmark | None = None
         self._landmarks: tuple[Landmark, ...] = ()  # after the last motion of the drag
@@ -54,7 +51,7 @@ class Mouse:
         return is_dragging or time.perf_counter() < self._wheel_until
 
     def update(self, session: Session, scene: Scene, rect: Rect, free: bool) -> None:
-        """Do the actions of the mouse in this frame; nothing is done unless ``free``."""
+        """Do the actions of the mouse in this frame, if it is ``free`` for the surfaces."""
         io = imgui.GetIO()
         x, y = place = tuple(io.MousePos)
         inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
@@ -92,7 +89,7 @@ class Mouse:
         self._turned = replace(turned, place=place)
 
     def _enlarge(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Enlarge a surface after a double click, or show all again."""
+        """Enlarge a surface after a double click, or show all surfaces again."""
         if over and imgui.IsMouseClicked(0):
             self._double_click = place if imgui.IsMouseDoubleClicked(0) else None
         if over and imgui.IsMouseReleased(0) and self._double_click is not None:
@@ -110,7 +107,7 @@ class Mouse:
         self._moves = is_down and (self._moves or begins)
 
     def _edit_gaussian(self, session: Session, scene: Scene, place: Place) -> None:
-        """Grab, move or widen a Gaussian; picks are slow, so not every frame makes one."""
+        """Grab, move or widen a Gaussian; not in every frame, as finding a vertex is slow."""
         io = imgui.GetIO()
         # with Shift, some systems report the wheel as horizontal
         notches = io.MouseWheel or io.MouseWheelH
@@ -162,7 +159,7 @@ class Mouse:
         return True
 
     def _place_point(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Apply the present tool at the place of a left click."""
+        """Place a landmark or a point at a left click, according to the tab Look."""
         if imgui.IsMouseClicked(0):
             places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
             self._pressed_at = place if places else None

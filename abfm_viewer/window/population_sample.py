@@ -37,7 +37,7 @@ _ENDED_MESSAGE = "the population was not computed, because its process ended; tr
 
 
 def function(mesh: TriangleMesh) -> FloatArray:
-    """Return the function of the template, (V,): bands along and across the body."""
+    """Return the function on the template, (V,): bands along and across the body."""
     x, y, z = (mesh.vertices / mesh.length_scale).T
     return np.asarray(np.sin(5 * y + 1) + 0.7 * np.sin(6 * x) + 0.5 * np.cos(7 * z + 2 * y))
 
@@ -63,7 +63,7 @@ def fields(mesh: TriangleMesh, count: int) -> FloatArray:
 
 
 def made_in_subprocess(folder: Path) -> Path:
-    """Compute the population in a subprocess unless it exists, and return its folder."""
+    """Return the folder of the population, which is first computed if it does not exist."""
     if (folder / NAME).is_file():
         return folder
     with closing(Worker(no_state, _ENDED_MESSAGE)) as worker:

@@ -26,13 +26,10 @@ _COPIES = "copies"  # subject of the cards
 
 
 class Preferences:
-    """Preferences of the user, stored for the next launch.
-
-    They are the theme, the UI scale, and the settings "follow" and "flow after a match".
-    """
+    """Theme, UI scale and two switches of the window, stored for the next launch."""
 
     def __init__(self, session: Session, state: StateFolder) -> None:
-        """Set the stored preferences that are valid and not set by a project."""
+        """Apply the stored preferences that are valid and not set by a project."""
         self._session, self._state = session, state
         stored, changes = state.preferences(), dict[str, Any](ui_scale=1.0)
         theme, scale, follow, flow = map(
@@ -65,9 +62,9 @@ class Preferences:
 
 
 class Recoveries:
-    """Copies of unsaved documents in the state folder, and the offer of those of earlier launches.
+    """Copies of unsaved documents, and the question whether to open those of earlier launches.
 
-    The copy of the present document has the best field of a run in progress.
+    The copy of the current document contains the best field of a run in progress.
     """
 
     def __init__(
@@ -87,7 +84,7 @@ class Recoveries:
         )
 
     def update(self) -> None:
-        """Offer copies of earlier launches, and write those of this one; call once per frame."""
+        """Ask about copies of earlier launches, and write new ones. Call once per frame."""
         session, notices = self._session, self._session.notices
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
@@ -144,7 +141,7 @@ class Recoveries:
     def _content_of_run(
         self, document: Document, snapshot: Snapshot, functions: Evaluators
     ) -> Content:
-        """Return the document with the best field so far as its result."""
+        """Return the document, with the best field so far as its result, and function values."""
         try:
             found, run = self._session.matching.unfinished(snapshot, functions)
         except AbfmError:  # the run has just ended; its result is copied in the next frame
@@ -158,7 +155,7 @@ class Recoveries:
             self._reading = self._recoveries.pop(0)
 
     def _show_question(self, recovery: Recovery) -> None:
-        """Show the question about a copy as soon as the copy is read."""
+        """Ask whether to open a copy, as soon as the copy is read."""
         show = self._reader.request(recovery, partial(self._read, recovery))
         if show is not None:
             self._reading = None

@@ -58,10 +58,10 @@ Corner = tuple[float, float]
 
 
 def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document of a figure of the paper, and values of functions that have no text form.
+    """Return a document of a figure of the paper, and values of functions without a spec.
 
-    The theme and layout are those of the view. The example is set up in a subprocess, which takes
-    seconds. Raises `AbfmError` with the reason if it cannot be.
+    Theme and layout are those of the view. A subprocess computes the example, which takes seconds.
+    Raises `AbfmError` if that fails.
     """
     example, given = experiments.example_in_subprocess(figure)
     parameters = example.problem.parameters
@@ -77,7 +77,7 @@ def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, F
 
 
 def pair_document(name: str, view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
-    """Return two bundled meshes, named ``A to B``, with a function on each."""
+    """Return a document of two bundled meshes, named ``A to B``, with a function on each."""
     if name == CORTEX:
         return cortex_document(view)
     a, b = name.split(" to ")
@@ -111,7 +111,7 @@ def _population(folder: Path) -> Path:
 
 
 class SampleTextures:
-    """Thumbnails as a texture, loaded when first used, and again when polyscope has removed it."""
+    """Texture with all thumbnails, loaded when needed; polyscope may remove it."""
 
     def __init__(self) -> None:
         self._buffer: Any = None
@@ -131,7 +131,7 @@ class SampleTextures:
 
 
 def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
-    """Draw the entries of the open menu, in columns and heights that fit the window."""
+    """Draw the entries of the menu Samples, in columns that fit the window."""
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
@@ -173,7 +173,7 @@ def _is_chosen(
     size: tuple[float, float],
     textures: SampleTextures,
 ) -> bool:
-    """Draw thumbnail, name, size and description of a sample; return whether it was chosen."""
+    """Draw the entry of a sample; return whether it was chosen."""
     (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))

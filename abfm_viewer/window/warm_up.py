@@ -13,14 +13,14 @@ from abfm_viewer.shown.eye import Eye
 
 
 def start() -> threading.Thread:
-    """Start the warm-up in a thread; kernels are cached, so only the first launch compiles."""
+    """Start the warm-up in a thread. Only the first launch compiles, as kernels are cached."""
     thread = threading.Thread(target=_match_something, name="warm up", daemon=True)
     thread.start()
     return thread
 
 
 def _match_something() -> None:
-    """Make a small match with a coarser mesh; errors are ignored, as a real match reports them."""
+    """Solve a small match; ignore errors, which a real match would report."""
     corners = np.array(
         [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64
     )

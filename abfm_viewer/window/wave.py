@@ -29,9 +29,9 @@ _DRIFT = 0.8  # of sqrt(area) per second, on the mesh with handles
 
 
 def turning_wave(places: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a rigidly rotating spiral wave and its angular velocities.
+    """Return a rigidly rotating spiral wave (T, V) and its angular velocities (T, 3).
 
-    The wave (T, V) is at points (V, 3) of the unit sphere; the angular velocities are (T, 3).
+    ``places`` (V, 3) are points of the unit sphere.
     """
     frames, axes = [], []
     x_axis, _, z_axis = np.eye(3)
@@ -64,7 +64,7 @@ def fsaverage5() -> Path | None:
 
 
 def wave_document(view: View) -> SequenceDocument:
-    """Return a wave on the left cortex of fsaverage5, or on a bundled mesh without nilearn."""
+    """Return a wave on the left cortex of fsaverage5; without nilearn, on a bundled mesh."""
     times = STEP * np.arange(float(FRAMES))
     if (folder := fsaverage5()) is not None:
         mesh, sphere = (load_mesh(folder / f"{name}_left.gii.gz") for name in ("infl", "sphere"))

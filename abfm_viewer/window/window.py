@@ -71,8 +71,6 @@ optionally with the name of the array of the frames.
 
 @dataclass(frozen=True)
 class Areas:
-    """The rectangles of the parts of the window."""
-
     scene: Rect
     panel: Rect
     time_bar: Rect
@@ -83,11 +81,7 @@ class Areas:
 def areas(
     size: tuple[float, float], menu_height: float, scale: float, has_table: bool = False
 ) -> Areas:
-    """Return the areas of a window.
-
-    The panel is at the right, the status line and the time bar are at the bottom, and a table is
-    above them.
-    """
+    """Return the areas of a window: panel at the right; table, time bar and status line below."""
     width, height = size
     right = max(width - min(_PANEL_WIDTH * scale, _PANEL_WIDTH_SHARE_MAX * width), 1.0)
     status = height - _STATUS_HEIGHT * scale
@@ -111,10 +105,10 @@ def open_window(
 ) -> Window:
     """Open the window of the app, by default with a bundled mesh.
 
-    The first of two meshes is registered to the second. If frames have several arrays and none is
-    given, a dialog lets the user choose one. Preferences, recent files and autosaves are stored in
-    the state folder, by default that of the user. Raises `AbfmError` if a file cannot be read, or
-    the machine cannot draw.
+    The first of two meshes is registered to the second. If a file of frames has several arrays, a
+    dialog lets the user choose one. Preferences, recent files and autosaves are in the state
+    folder, by default that of the user. Raises `AbfmError` if a file cannot be read, or the machine
+    cannot draw.
     """
     state, table, ambiguous = StateFolder(state_folder), None, None
     if isinstance(inputs, TriangleMesh):
@@ -145,11 +139,7 @@ def open_window(
 
 
 class Window(Context):
-    """The window of a session.
-
-    `frames` is the number of drawn frames. `errors` are messages of the parts of the window that
-    raised an error in the latest frame. `parts` are the areas of that frame.
-    """
+    """The window of a session."""
 
     def __init__(
         self,
@@ -163,13 +153,13 @@ class Window(Context):
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.actions = Actions(self, lambda: self.mouse.over, self._end)
         self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
-        self.frames = 0
-        self.errors: dict[str, str] = {}
+        self.frames = 0  # number of drawn frames
+        self.errors: dict[str, str] = {}  # of the latest frame, by part of the window
         self._warnings = LibraryWarnings()
         self._drawn: set[str] = set()
         self.closing = False
         self.interrupted: int | None = None  # number of the received signal
-        self.parts = areas(size, 0, 1)
+        self.parts = areas(size, 0, 1)  # of the latest frame
         self._redraws = self._active = False
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
@@ -241,7 +231,6 @@ class Window(Context):
         time.sleep(max(drawing if waits else _SLEEP_SECONDS_MIN, seconds - drawing))
 
     def tick(self) -> None:
-        """Draw one frame without a sleep."""
         start = time.perf_counter()
         ps.frame_tick()
         if self._redraws:
@@ -261,7 +250,7 @@ class Window(Context):
             Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(temporary, format="png")
 
     def guarded(self, part: str, draw: Callable[..., None], *given: object) -> None:
-        """Draw a part of the window; if that raises an error, record and show its message."""
+        """Draw a part of the window; if that fails, show the message of the error."""
         try:
             draw(*given)
         except Exception as error:
@@ -317,7 +306,6 @@ class Window(Context):
             self.guarded("widget file", write_widgets, self.ui.widgets, self.frames)
 
     def _draw_scene(self, rect: Rect, is_live: bool) -> None:
-        """Draw the surfaces, and do the actions of the mouse on them."""
         ui, session, scene = self.ui, self.session, self.scene
         left, top, right, bottom = rect
         self.exporter.window_size = (round(right - left), round(bottom - top))

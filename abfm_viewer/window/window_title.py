@@ -16,7 +16,6 @@ class WindowTitle:
         self._now = ""
 
     def show(self, text: str) -> None:
-        """Set the title, if it has changed."""
         if text == self._now:
             return
         self._now = text
