@@ -17,14 +17,14 @@ If it runs out later, OpenBLAS retries forever and other libraries crash.
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line and return the exit status; None stands for the program's arguments."""
+    """Run the command line, by default the arguments of the process; return the exit status."""
     return program("abfm", _run, argv)
 
 
 def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) -> int:
-    """Run a program with arguments and return its exit status.
+    """Run a program, and return its exit status.
 
-    Without arguments it takes those of the process. It then handles signals and ends the process.
+    If ``argv`` is None, take the arguments of the process, handle signals, and end the process.
     """
     if argv is None:
         # before all imports, which take longer than many commands

@@ -148,7 +148,7 @@ def _transfer_texture(correspondence: Correspondence, arguments: argparse.Namesp
 
 
 def _check_textured(arguments: argparse.Namespace) -> None:
-    """Refuse files that cannot be written or that may belong to another surface."""
+    """Refuse output files that cannot be written, and inputs that belong to another surface."""
     for path in textured_files(arguments.out):
         outputs.check_folder(path)
         outputs.check_not_read(path, (arguments.texture, arguments.image))
@@ -160,7 +160,7 @@ def _check_textured(arguments: argparse.Namespace) -> None:
 
 
 def _read_on(correspondence: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Columns:
-    """Read columns on surface A of a correspondence, and print their notes."""
+    """Read columns of values on surface A of a correspondence, and print the reader's notes."""
     try:
         found = read(correspondence.a)
     except FunctionError as error:

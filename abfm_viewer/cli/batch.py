@@ -152,7 +152,6 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve a table, or report the state of a table."""
     status = arguments.status
     _find_folder(arguments)
     ledger = Ledger(arguments.out)
@@ -182,7 +181,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _find_folder(arguments: argparse.Namespace) -> None:
-    """Decide whether the value of ``--status`` is the folder or the table."""
+    """Decide whether the value of ``--status`` is a folder of results or a table."""
     status = arguments.status
     if isinstance(status, str) and arguments.out is None:
         arguments.out = Path(status)
@@ -200,7 +199,7 @@ def _find_folder(arguments: argparse.Namespace) -> None:
 def _swept(
     given: Sequence[tuple[str, str]], arguments: argparse.Namespace
 ) -> tuple[list[Row], str]:
-    """Return one row per combination of values, and the title of the batch."""
+    """Return one row per combination of option values, and the title of the batch."""
     if arguments.status is not None or arguments.table is None:
         raise UsageError(
             "--over needs a mesh and excludes --status: abfm batch MESH --over NAME=A,B"
@@ -267,12 +266,7 @@ def solved(
 ) -> tuple[list[LedgerEntry], int | None]:
     """Solve the rows without a result in a folder, with progress.
 
-    Returns
-    -------
-    entries : list of LedgerEntry
-        The state of each row.
-    status : int or None
-        The exit status after a signal.
+    Return the state of each row, and the exit status after a signal, or None.
     """
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
@@ -308,12 +302,8 @@ def _report(
 ) -> int:
     """Write and print the summary, and return the exit status.
 
-    Parameters
-    ----------
-    seconds : float, optional
-        Duration of the run; None if nothing was solved.
-    status : int, optional
-        Exit status of a run that ended early, after which no pictures are drawn.
+    ``seconds`` is the duration of the run; None if nothing was solved. ``status`` is the exit
+    status after a signal; no pictures are drawn then.
     """
     rows, folder = list[SummaryRow](), Path(arguments.out)
     with row_progress(0, arguments.quiet, "reading") as report:
@@ -349,7 +339,7 @@ def _report(
 
 
 def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
-    """Print one JSON object with the head and a list of rows, without a copy of all rows."""
+    """Print one JSON object with the head and the rows, without a copy of all rows in memory."""
     print(json.dumps(head)[:-1], end=', "rows": [')
     for number, row in enumerate(rows):
         print(", " if number else "", json.dumps(row.to_dict()), sep="", end="")
@@ -410,14 +400,9 @@ def write_summary(
 ) -> tuple[list[Path], str]:
     """Write ``summary.csv``, in the order of the rows, and ``summary.html``, worst rows first.
 
-    The page shows the rows of `worst`. If ``report`` is given, missing pictures are drawn, stored
-    in a subfolder, and reported one by one.
-
-    Returns
-    -------
-    paths : list of Path
-    reason : str
-        Reason for missing pictures; empty if they were drawn.
+    The page shows the rows of `worst`. If ``report`` is given, missing pictures are drawn and
+    stored in a subfolder; ``report`` is called with their progress. Return the paths, and the
+    reason for missing pictures, or an empty text.
     """
     table, shown_page = folder / "summary.csv", folder / "summary.html"
     _write_table(table, rows)
@@ -433,7 +418,6 @@ def write_summary(
 
 
 def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
-    """Write one line per row, with its facts and all its columns as given."""
     repeats: Counter[str] = Counter()
     for row in rows:
         repeats |= Counter(column for column, _ in row.entry.row.options)
@@ -459,7 +443,7 @@ def _draw(
     report: Callable[[str], object],
     up: Up | None,
 ) -> str:
-    """Draw the missing pictures; return the reason if the machine cannot draw, else ""."""
+    """Draw missing pictures; return the reason if the machine cannot draw, else an empty text."""
     missing = {entry.path: entry for entry in entries if not files[entry.digest].is_file()}
     results = [(path, entry.row.task_type) for path, entry in missing.items() if path]
     try:

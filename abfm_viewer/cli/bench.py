@@ -170,7 +170,6 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:
-    """Return the meshes of the problems by name."""
     from benchmarks.meshes import bundled_meshes, given_meshes, three_meshes
 
     own: dict[str, TriangleMesh] = {}

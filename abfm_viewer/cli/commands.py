@@ -75,7 +75,7 @@ def run(words: list[str]) -> int:
 
 
 def load(name: str) -> Any:
-    """Import a command, and return its module or, of a task, its `Command`."""
+    """Import a command, and return its module, or for a task its `Command`."""
     module, is_task, task = COMMANDS[name].partition(":")
     if not is_task:
         return import_module(f"abfm_viewer.cli.{module}")

@@ -21,7 +21,7 @@ BAD_INPUT_STATUS, UNMATCHED_STATUS, FAILED_STATUS = 2, 3, 4
 
 
 class UsageError(Exception):
-    """A command line that is not valid; the text is one line."""
+    """Invalid command line; the text has one line."""
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
@@ -52,7 +52,6 @@ def print_note(text: str, kind: str = "note") -> None:
 
 
 def print_line(text: str) -> None:
-    """Print a line to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -99,7 +98,7 @@ def _end_process(statuses: list[int]) -> None:
 
 
 class _SafeStream:
-    """A stream that drops all text after a write fails; `problem` is the error of that write."""
+    """Stream that drops all text after a write failed; `problem` is the error of that write."""
 
     def __init__(self, stream: TextIO | None, number: int) -> None:
         self._stream = stream or os.fdopen(number, "w", encoding="utf-8")

@@ -152,11 +152,10 @@ class _Figure:
 
     @cached_property
     def requested(self) -> Sequence[RequestedMatch]:
-        """The matches that the script needs."""
         return experiments.requested_matches(self.script)
 
     def needed_matches(self) -> Sequence[RequestedMatch]:
-        """Run the script until it needs matches, and return these; `findings` raises an error."""
+        """Run the script until it needs matches, and return them; keep an error for `findings`."""
         try:
             return self.requested
         except AbfmError as error:
@@ -192,7 +191,7 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
 def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
     """Run a script to its end.
 
-    If all figures are computed, the page reports the impossible ones on the given mesh.
+    If all figures are computed, the page also shows figures that are impossible on the given mesh.
     """
     number, on_mesh = figure.number, figure.setup.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)

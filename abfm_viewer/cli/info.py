@@ -87,7 +87,7 @@ def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:
-    """Return the counts, topology and sizes of a mesh; lengths are in the file's unit."""
+    """Return counts, topology and sizes of a mesh; lengths are in the unit of the file."""
     lengths = abfm.calculus.edge_lengths(mesh)
     shortest, median, longest = lengths.min(), float(np.median(lengths)), lengths.max()
     return {
@@ -107,7 +107,7 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _symmetry(mesh: TriangleMesh, kind: SymmetryKind) -> dict[str, Any] | None:
-    """Return a symmetry of the mesh, which functions `permuted:` use; None if it has none."""
+    """Return a symmetry of the mesh, as `permuted:` uses it; None if it has none."""
     try:
         found = detect_symmetry(mesh, kind)
     except SymmetryError:

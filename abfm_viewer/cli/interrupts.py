@@ -15,13 +15,12 @@ _DOUBLE_SIGNAL_SECONDS = 0.1  # `timeout` and terminals may send a signal twice
 
 @dataclass
 class Interrupt:
-    """The number of the received signal, or None."""
+    """Number of the received signal, or None."""
 
     number: int | None = None
 
     @property
     def status(self) -> int | None:
-        """The exit status after the signal; None without a signal."""
         return None if self.number is None else signals.status(self.number)
 
 
@@ -31,7 +30,7 @@ def cancelled_by_signals(
 ) -> Iterator[Interrupt]:
     """Cancel work at the first signal, and end the program at a later second one.
 
-    ``what`` describes the remaining result in the printed message.
+    ``what`` describes the result so far in the printed message.
     """
     interrupt, signal_time = Interrupt(), 0.0
 

@@ -24,16 +24,7 @@ _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, and whose ``--help`` shows the most used options.
-
-    Parameters
-    ----------
-    prog, description : str
-    details : str
-        Long explanations, which only ``--help-all`` prints.
-    main : iterable of str
-        Names of the options that ``--help`` shows, without dashes; all of them if it is empty.
-    """
+    """Parser whose errors are one line, and whose ``--help`` shows the most used options."""
 
     def __init__(
         self,
@@ -46,8 +37,8 @@ class Parser(argparse.ArgumentParser):
         form = argparse.RawDescriptionHelpFormatter
         settings |= {"formatter_class": form, "allow_abbrev": False, "add_help": False}
         super().__init__(prog, description=description, **settings)
-        self.details = details
-        self.main_options = {option(name) for name in main}
+        self.details = details  # long explanations, which only --help-all prints
+        self.main_options = {option(name) for name in main}  # in --help; empty: all options
         self.settings: list[argparse.Action] = []
         """Actions that describe the values of ``--set``; they are not parsed."""
         self._positionals.title = "arguments"
@@ -68,7 +59,6 @@ class Parser(argparse.ArgumentParser):
         return self._help(list(filter(self.is_main, self._actions)), is_complete=False)
 
     def format_help_all(self) -> str:
-        """Return the text of ``--help-all``: all options, and the long explanations."""
         return self._help(self._actions, is_complete=True)
 
     def format_usage(self) -> str:
@@ -77,7 +67,6 @@ class Parser(argparse.ArgumentParser):
 
     @property
     def usage_line(self) -> str:
-        """The command with its arguments and required options, in one line."""
         words = [self.prog]
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
@@ -127,8 +116,6 @@ class Parser(argparse.ArgumentParser):
 
 
 class _HelpAll(argparse.Action):
-    """Action that prints the text of ``--help-all`` and ends the program."""
-
     def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> NoReturn:
         assert isinstance(parser, Parser)
         print(parser.format_help_all(), end="")
@@ -145,7 +132,7 @@ def _with_merge_distance(words: list[str]) -> list[str]:
 
 
 def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
-    """Return a short form of `add_argument`, where an option without metavar is a flag."""
+    """Return a short form of `add_argument`; an option without ``metavar`` is a flag."""
 
     def add(name: str, help: str, metavar: object = None, **settings: Any) -> None:
         value = {"metavar": metavar} if metavar or settings else {"action": "store_true"}
@@ -161,7 +148,7 @@ def add_up(add: Callable[..., None]) -> None:
 
 
 def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
-    """Declare the options of the folder of many results, and of their report."""
+    """Declare the options for a folder of results, and those for their report."""
     add = adder(parser.add_argument_group(OUTPUT))
     about = "folder for the results, created if missing"
     add("--out", about, "DIR", type=folder, required=is_required)
@@ -171,13 +158,11 @@ def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> No
 
 
 def add_report(add: Callable[..., None]) -> None:
-    """Declare the options of the report of a result."""
     add("--json", "print the result as one JSON object")
     add("--quiet", "do not show progress")
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of parallel processing."""
     add = adder(parser.add_argument_group("parallel processing"))
     what = "number of processes on this machine (default: one per core)"
     add("--jobs", what, "N", type=processes)
@@ -230,7 +215,7 @@ def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] =
 
 
 def _setting(each: Input) -> argparse.Action:
-    """Return the description of a parameter in ``--help-all``."""
+    """Return the description of a parameter for ``--help-all``."""
     name = f"{each.name.replace('-', '_')}={each.metavar}"
     help = f"{each.help} (default: {each.default})".replace("%", "%%")
     return argparse.Action([], each.name, metavar=name, help=help)
@@ -272,12 +257,10 @@ def shown_name(each: Input) -> str:
 
 
 def add_mesh_options(parser: Parser) -> None:
-    """Declare the options of reading meshes."""
     add_inputs(parser, MESH_INPUTS)
 
 
 def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
-    """Return the options of reading meshes."""
     inputs, values = by_name(MESH_INPUTS), dict[str, Any]()
     for name, text in given_texts(arguments, MESH_INPUTS):
         try:
@@ -344,7 +327,6 @@ def folder(text: str) -> Path:
 
 
 def address(text: str) -> str:
-    """Return the address of a scheduler."""
     if not text.strip():
         raise argparse.ArgumentTypeError(
             f"{text!r} is not an address; expected one such as tcp://10.0.0.1:8786"

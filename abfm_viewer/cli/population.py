@@ -80,7 +80,6 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Register the subjects, and write and print the result."""
     if arguments.template is None:
         raise UsageError("--template is missing; give the surface to which subjects are registered")
     folder: Path = arguments.out

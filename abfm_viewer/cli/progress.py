@@ -36,7 +36,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
     """Show the steps of a task; yield a function to call with its partial results.
 
     A terminal shows a bar. Elsewhere one line is printed per tenth of a counted step, and per ten
-    iterations. A warning that persists is printed once, also if ``quiet``.
+    iterations. A warning that persists is printed once, even if ``quiet``.
     """
     printed = "", 0  # a step and its tenths
     warned = 0  # consecutive iterations with a warning
@@ -111,12 +111,8 @@ def row_progress(
 ) -> Iterator[Callable[[str], None]]:
     """Yield a function to call with a line of text for each finished row.
 
-    Parameters
-    ----------
-    count : int
-        Number of rows. If it is 0, rows are not counted, and only terminals show progress.
-    reported : collection of str
-        Steps whose names begin with one of these words are shown as well.
+    If ``count`` is 0, rows are not counted, and only terminals show progress. Steps whose names
+    begin with one of the words ``reported`` are shown as well.
     """
     done = 0
 
@@ -182,7 +178,6 @@ def _progress_bar(
 
 
 def long_steps(quiet: bool) -> AbstractContextManager[None]:
-    """Print the steps of work that take seconds, unless ``quiet``."""
     return nullcontext() if quiet else reporting_steps(_print_long)
 
 

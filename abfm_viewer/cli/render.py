@@ -142,7 +142,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse(arguments: argparse.Namespace, names: Sequence[str], why: str) -> None:
-    """Refuse options that have no effect."""
     for name in names:
         value = getattr(arguments, name)
         if value is not None and value is not False:
@@ -190,7 +189,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
 
 
 def _picture(arguments: argparse.Namespace, document: Document, known: Known) -> Image.Image:
-    """Draw a sheet of a result, or a project or registration in the style of the window."""
+    """Draw a sheet of a result; draw a project or registration in the style of the window."""
     is_shown = arguments.input.lower().endswith(PROJECT) or document.initial_map is not None
     is_sheet = arguments.style == "sheet" or (arguments.style is None and not is_shown)
     if is_sheet:

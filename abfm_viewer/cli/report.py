@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _loaded(path: str) -> Correspondence:
-    """Return the map of a file, for a match a registration of the surface to itself."""
+    """Return the map in a file; for a match, its flow as a map of the surface to itself."""
     found: Match | Correspondence = options.load_result(path, Match, Correspondence)
     if isinstance(found, Match):
         return Registration(Correspondence.of_same_faces(found.mesh, found.mesh), found)
@@ -111,7 +111,7 @@ def _facts(
 
 
 def _of_registration(found: Registration) -> dict[str, Any]:
-    """Return the facts of a registration besides its map and verdict."""
+    """Return the facts of a registration other than those of its map and verdict."""
     match = found.match
     facts: dict[str, Any] = {
         "notes": [*found.notes, *match.mesh.messages],

@@ -26,7 +26,7 @@ from abfm_viewer.files import outputs
 
 
 class Command:
-    """The command that solves a kind of task."""
+    """Command that solves a kind of task."""
 
     def __init__(self, task: type[Task]) -> None:
         self.task, self.SUMMARY, self.DESCRIPTION = task, task.summary, task.description
@@ -34,7 +34,6 @@ class Command:
         self.MAIN_OPTIONS = (*task.main_options, "out", "json")
 
     def add_arguments(self, parser: options.Parser) -> None:
-        """Declare the options of the inputs and the outputs."""
         options.add_inputs(parser, self.task.inputs)
         add = options.adder(parser.add_argument_group(options.OUTPUT))
         about = f"{self.task.output_help}; repeatable"
@@ -47,7 +46,7 @@ class Command:
     def run(self, arguments: argparse.Namespace) -> int:
         """Solve the task, write and print the result, and return the exit status.
 
-        It is 3 if the target was not reached, and 128 plus the number of the signal after a signal.
+        It is 3 if the target was not reached, and 128 plus the number of a received signal.
         """
         task = self.task
         row = row_of(arguments, task)
@@ -87,7 +86,7 @@ def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Output files of a result, its tables by name, and the upward axis of pages."""
+    """Output files of a result, its tables by name, and the axis that points upwards on pages."""
 
     files: list[Path]
     tables: Mapping[str, Path] = field(default_factory=dict)
@@ -111,8 +110,6 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Solved:
-    """A result and the files that were written."""
-
     task: type[Task]
     result: Any
     seconds: float
@@ -121,7 +118,6 @@ class Solved:
     checkpoints: list[Path]  # only after a signal
 
     def summary(self) -> str:
-        """Return the report as text, with advice."""
         names = list(map(printable, self.outputs))
         lines = [
             *self.task.report.lines(self.result),
@@ -135,22 +131,20 @@ class Solved:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report as plain numbers and texts."""
         details = self.task.report.details(self.result)
         return {**details, "seconds": self.seconds, "outputs": list(map(str, self.outputs))}
 
 
 def status_of(facts: Facts) -> int:
-    """Return the exit status of a result."""
     if facts.outcome.is_good:
         return 0
     return FAILED_STATUS if facts.outcome is Outcome.FAILED else UNMATCHED_STATUS
 
 
 def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:
-    """Solve a task with progress on stderr and write the result, also after a signal.
+    """Solve a task with progress on stderr, and write the result, also after a signal.
 
-    ``checkpoint`` is the checkpoint of the monitor; by default the first output.
+    ``checkpoint`` is the path next to which checkpoints lie; by default the first output.
     """
     for note in task.notes():
         print_note(note)

@@ -29,12 +29,10 @@ class SummaryRow(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of the row."""
         return self.entry.row.name
 
     @property
     def is_known(self) -> bool:
-        """Whether there is a result that can be read."""
         return bool(self.facts.numbers)
 
     @property
@@ -44,11 +42,10 @@ class SummaryRow(NamedTuple):
 
     @property
     def areas(self) -> float:
-        """The mean |log2 J| of its map; infinite if it is unknown."""
+        """The mean |log2 J| of the row's map; infinite if it is unknown."""
         return _or_infinite(self.facts.number("log2_area"))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers and texts; None if unknown."""
         entry, facts = self.entry, self.facts
         return {
             "name": self.name,
@@ -62,7 +59,6 @@ class SummaryRow(NamedTuple):
 
 
 def counts(rows: Iterable[SummaryRow]) -> dict[Outcome, int]:
-    """Return the number of rows by outcome, the best outcome first."""
     found = Counter(row.facts.outcome for row in rows)
     return {outcome: found[outcome] for outcome in sorted(found, key=lambda each: each.rank)}
 
@@ -81,31 +77,19 @@ class Best(NamedTuple):
     """The best rows of a batch that solves one problem with several settings.
 
     If some rows reached their target, only these are compared.
-
-    Attributes
-    ----------
-    closest : SummaryRow
-        The row with the smallest residual.
-    least_distorted : SummaryRow or None
-        The row whose map changes areas least, if known.
-    reached : bool
-        Whether the compared rows reached their target.
-    undominated : frozenset of str
-        Names of the rows without another row that is better in residual and in area change.
     """
 
-    closest: SummaryRow
-    least_distorted: SummaryRow | None
-    reached: bool
+    closest: SummaryRow  # the row with the smallest residual
+    least_distorted: SummaryRow | None  # the row whose map changes areas least, if known
+    reached: bool  # whether the compared rows reached their target
+    # names of the rows without another row that is better in residual and in area change
     undominated: frozenset[str]
 
     def to_dict(self) -> dict[str, str | None]:
-        """Return the names of the rows."""
         other = None if self.least_distorted is None else self.least_distorted.name
         return {"closest": self.closest.name, "areas_change_least": other}
 
     def sentences(self) -> list[str]:
-        """Return sentences about the best rows."""
         first, other = self.closest, self.least_distorted
         if other is None or other is first:
             both = "" if other is None else " and least change of areas"
@@ -152,7 +136,6 @@ def _or_infinite(value: float) -> float:
 
 
 def _undominated(rows: Sequence[SummaryRow]) -> frozenset[str]:
-    """Return the names of the rows without another row of smaller residual and area change."""
     found, least, last = set[str](), math.inf, (math.nan, math.nan)
     for row in sorted(rows, key=lambda row: (row.residual, row.areas)):
         pair = row.residual, row.areas
@@ -168,8 +151,6 @@ def _cost_text(row: SummaryRow) -> str:
 
 
 class Grid(NamedTuple):
-    """Rows arranged by the values of two options."""
-
     across: list[str]
     down: list[tuple[str, list[SummaryRow]]]
 
@@ -179,14 +160,8 @@ def batch_page(
 ) -> str:
     """Return the page of a batch, worst rows first.
 
-    It shows at most `ROWS_SHOWN_MAX` rows and refers to the table for all of them.
-
-    Parameters
-    ----------
-    pictures : mapping of str to bytes
-        Pictures (PNG) of rows by digest.
-    no_pictures : str
-        Reason for missing pictures.
+    It shows at most `ROWS_SHOWN_MAX` rows. ``pictures`` are PNG by digest of the row, and
+    ``no_pictures`` is the reason for missing ones.
     """
     shown = worst(rows)
     kinds = Counter(row.entry.row.kind for row in rows)
@@ -234,7 +209,7 @@ def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
 
 
 def _grid(rows: Sequence[SummaryRow]) -> Grid | None:
-    """Return the grid of rows that are all combinations of two options; None for other rows."""
+    """Return rows that are all combinations of two options as a grid; None for other rows."""
     every = [dict(row.entry.row.options) for row in rows]
     varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
     if len(varied) != 2:

@@ -46,7 +46,6 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str:
-    """Return the page about a map between surfaces, or about a match."""
     changed = facts.get("changed_parameters", {})
     return render(
         "report.html",
@@ -61,12 +60,10 @@ def report_page(facts: Mapping[str, Any], pictures: RegistrationPictures) -> str
 def population_page(
     facts: Mapping[str, Any], verdict: Facts, pictures: PopulationPictures | None
 ) -> str:
-    """Return the page about a population, with pictures if there are any."""
     return render("population.html", facts=facts, verdict=verdict, pictures=pictures)
 
 
 def figures_page(entries: Sequence[Any]) -> str:
-    """Return the page about the figures of the paper."""
     rows = TABLE_1.values()
     unused = ["substeps" if row.values["method"] == "linearised" else "segments" for row in rows]
     table, columns = list(zip(rows, unused, strict=True)), _TABLE_1_COLUMNS
@@ -74,7 +71,7 @@ def figures_page(entries: Sequence[Any]) -> str:
 
 
 def render(template: str, **values: Any) -> str:
-    """Return the page of a template of `abfm_viewer/reports/templates`."""
+    """Return the page of a template in `abfm_viewer/reports/templates`."""
     page = _environment().get_template(template)
     style = stylesheet(_TEMPLATES / "style.css")
     return page.render(policy=_POLICY, style=style, version=version("abfm"), **values)
@@ -96,12 +93,12 @@ def _environment() -> Environment:
 
 
 def abbreviated(text: str) -> str:
-    """Return a text in one line of bounded length."""
+    """Return a text in one line of at most `NAME_LENGTH_MAX` letters."""
     return one_line(text, TEXT_LENGTH_MAX)
 
 
 def _png(picture: Image.Image | bytes, colors: int | None = _PICTURE_COLORS) -> str:
-    """Return a picture as a data URL."""
+    """Return a picture as a data URL, with a palette of a number of colours."""
     if not isinstance(picture, bytes):
         stream = io.BytesIO()
         (picture.quantize(colors) if colors else picture).save(stream, "PNG", optimize=True)

@@ -16,29 +16,24 @@ from abfm_viewer.session.notices import Notices
 
 
 class _Found(NamedTuple):
-    """The match of smallest residual within the bound.
-
-    `reason` explains why no match keeps the bound. `errors` are the landmark errors, which would
-    take too long to compute in the frame loop.
-    """
+    """The match of smallest residual within the bound."""
 
     match: abfm.Match
-    reason: str
-    errors: FloatArray | None
+    reason: str  # why no match keeps the bound
+    errors: FloatArray | None  # of landmarks, which are too slow for the frame loop
 
 
 class Bound:
     """Limits the distortion of the result in a subprocess, one search at a time.
 
-    On 99% of the faces the map may change areas and shapes by at most ``maximum``, as |log2 J| and
-    |log2 R|. The field that is found replaces the result.
+    The field that is found replaces the result.
     """
 
     def __init__(self, editor: Editor, notices: Notices, process: Process) -> None:
         self._editor, self._notices, self._process = editor, notices, process
         self._run: Run[_Found] | None = None
         self._result: abfm.Match | None = None  # the result when the search started
-        self.maximum = 1.0
+        self.maximum = 1.0  # of |log2 J| and |log2 R|, on 99% of the faces
 
     @property
     def busy(self) -> str:
@@ -49,7 +44,6 @@ class Bound:
         return self._run.step if self._run else None
 
     def start(self) -> None:
-        """Search for a field within the bound along the path of the result."""
         document = self._editor.document
         if (result := document.match) is not None:
             self.stop()

@@ -29,23 +29,12 @@ The latest step is always kept and does not count."""
 
 
 class Step(NamedTuple):
-    """State of the document before a change.
-
-    Attributes
-    ----------
-    document : Document
-    label : str
-        Description of the change.
-    merge : str
-        Merge key; further changes with the same key belong to this step.
-    changes_viewpoint : bool
-        Whether the change affects the viewpoint or enlarges a slot.
-    """
+    """State of the document before a change."""
 
     document: Document
-    label: str
-    merge: str
-    changes_viewpoint: bool
+    label: str  # description of the change
+    merge: str  # further changes with the same key belong to this step
+    changes_viewpoint: bool  # whether the change affects the viewpoint or enlarges a slot
 
 
 class Editor:
@@ -53,27 +42,17 @@ class Editor:
 
     Each change is a step of undo. Consecutive changes with the same merge key, such as those of a
     drag, are one step. Undo restores the viewpoint only for steps that changed it.
-
-    Attributes
-    ----------
-    document : Document
-    action_count : int
-        Number of changes, undos and redos so far.
-    time_changed : float
-        Time of the last change of the shown time, by `time.perf_counter`.
-    past, future : list of Step
-        Steps for undo and for redo.
     """
 
     def __init__(self, document: Document) -> None:
         self.document = document
-        self.time_changed = 0.0
+        self.time_changed = 0.0  # last change of the shown time, by `time.perf_counter`
         self.forget_steps()
 
     def forget_steps(self) -> None:
-        self.action_count = 0
-        self.past: list[Step] = []
-        self.future: list[Step] = []
+        self.action_count = 0  # number of changes, undos and redos
+        self.past: list[Step] = []  # for undo
+        self.future: list[Step] = []  # for redo
 
     @property
     def draft(self) -> MatchDocument:
@@ -138,10 +117,7 @@ class Editor:
             self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
-        """Set fields of the document as one step, if values differ.
-
-        Consecutive steps with the same `merge` key are one step.
-        """
+        """Set fields of the document as one step, if values differ; `merge` is as in `go_to`."""
         before = self.document
         if any(getattr(before, name) != value for name, value in values.items()):
             self.go_to(replace(before, **values), label, merge)
@@ -203,10 +179,7 @@ class Editor:
             self.change("remove a channel", channels=tuple(others), channel=place)
 
     def set_circular(self, period: float | None) -> None:
-        """Compare the active channel by cosine and sine, as two channels.
-
-        Without a period the channel is compared by its values again.
-        """
+        """Compare the active channel by cosine and sine; without a period, by its values again."""
         document = self.document
         if (active := document.active) is None:
             return
@@ -287,15 +260,11 @@ class Editor:
         self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})
 
     def switch_placing(self) -> None:
-        """Switch placing of landmarks by clicks on or off."""
         tool = "nothing" if self.document.view.tool == "landmark" else "landmark"
         self.set_view("choose what a click does", tool=tool)
 
     def place_landmark(self, side: Side, point: Point) -> None:
-        """Place a point of a landmark on a side.
-
-        It completes the first landmark without a point on that side, or begins a new landmark.
-        """
+        """Place a point of the first landmark without one on a side, or of a new landmark."""
         landmarks = [*self.document.landmarks]
         incomplete = (n for n, one in enumerate(landmarks) if one.point(side) is None)
         number = next(incomplete, len(landmarks))
@@ -310,7 +279,6 @@ class Editor:
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 
     def remove_landmark(self) -> None:
-        """Remove the active landmark."""
         landmarks, number = self.document.landmarks, self.draft.landmark
         others = (*landmarks[:number], *landmarks[number + 1 :])
         self.set_landmarks("remove a landmark", others, max(min(number, len(others) - 1), 0))
@@ -329,7 +297,7 @@ def _large_parts(document: Document) -> dict[int, int]:
 
 
 def _viewpoint_differs(before: Document, after: Document) -> bool:
-    """Return whether documents differ in the viewpoint, in the enlarged slot or in identity."""
+    """Return whether documents differ in viewpoint, enlarged slot or identity."""
     one, other = before.view, after.view
     is_other = before.identity is not after.identity
     return is_other or one.viewpoint is not other.viewpoint or one.enlarged != other.enlarged

@@ -21,16 +21,11 @@ from abfm_viewer.files.project import terms_from_files
 
 
 class DocumentFunctions:
-    """Functions of all documents in the history of a session.
-
-    Attributes
-    ----------
-    waiting_since : float or None
-        Time, by `time.perf_counter`, since which the current document waits for its first
-        functions; None if it has functions.
-    """
+    """Functions of all documents in the history of a session."""
 
     def __init__(self, at_once: bool) -> None:
+        # time since which the current document waits for its first functions, by
+        # `time.perf_counter`; None if it has functions
         self.waiting_since: float | None = None
         self._at_once = at_once
         self._by_mesh: dict[TriangleMesh, Functions] = {}
@@ -73,7 +68,7 @@ class DocumentFunctions:
         return None if isinstance(found, str) else found
 
     def period(self, document: MatchDocument) -> float | None:
-        """Return the period of the active source if its values wrap around, else None."""
+        """Return the period of the active source if its values are phases, else None."""
         if document.active is None:
             return None
         function = document.function("source", document.active)
@@ -120,10 +115,7 @@ def _is_from_file(term: str) -> bool:
 
 
 def known_values(document: Document, functions: Evaluators) -> dict[str, FloatArray]:
-    """Return the values (V,) of a document's functions from files, for a project file.
-
-    The keys are those of `Document.values_key`.
-    """
+    """Return the values (V,) of functions from files, by `Document.values_key`, for a project."""
     known = {}
     given: list[tuple[Side, str]] = [("target", document.mask)] if document.mask else []
     given += [(side, channel.spec(side)) for channel in document.channels for side in SIDES]

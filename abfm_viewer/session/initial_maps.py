@@ -33,8 +33,6 @@ _WITHOUT_LANDMARKS = ("connectivity", "file")
 
 
 class _ChannelValues(NamedTuple):
-    """Sources on A, targets and mask on B, and the weights of the channels."""
-
     source: tuple[FloatArray, ...]
     target: tuple[FloatArray, ...]
     mask: FloatArray | None
@@ -43,7 +41,7 @@ class _ChannelValues(NamedTuple):
 
 
 class _MapChoice(NamedTuple):
-    """Surfaces A and B, and an initial map or the word of one."""
+    """Surfaces A and B, and an initial map or the word that selects one."""
 
     a: TriangleMesh
     b: TriangleMesh
@@ -63,9 +61,9 @@ class PreparedMap:
 
 
 class InitialMaps:
-    """Initial map of the current document, and its functions on B.
+    """Initial map of the current document, and the functions of A on B.
 
-    Earlier results for the same surfaces stay valid until newer ones are computed. A search is
+    Earlier results for the same surfaces are used until newer ones are computed. A search is
     cancelled when another word is chosen.
     """
 
@@ -128,7 +126,7 @@ class InitialMaps:
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return a side of the active channel on B, as it is matched.
 
-        If a target has the same values there as on its own surface, the same array is returned.
+        If the values of a target are matched unchanged, this is the array of its function.
         """
         prepared = self.prepared(document)
         if prepared is None:
@@ -216,7 +214,7 @@ class InitialMaps:
 
 
 def _find_map(_: object, word: str | None, given: MapInput) -> Initial:
-    """Compute a map. This takes seconds, and libraries block the interpreter meanwhile."""
+    """Compute a map in a subprocess, as this takes seconds in which libraries block Python."""
     from abfm.registration.initial.methods import initial_map
 
     return initial_map(word, given)

@@ -17,30 +17,16 @@ OPENING = "opening"
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Request to read something in a thread.
+    """Request to read something in a thread."""
 
-    Attributes
-    ----------
-    what : str
-        Description, such as "opening camel.off".
-    read : callable
-        Reads in the thread; returns a function that shows the result.
-    other : str
-        Label of the action that opens another file, offered if reading fails.
-    source : object
-        Loads of the same source are the same request; None for a unique request.
-    takes_long : bool
-        Whether another request must not replace this one without a question.
-    remedies : mapping
-        Actions that are offered if reading fails.
-    """
-
-    what: str
-    read: Callable[[], Callable[[], None]]
-    other: str = ""
-    source: object = None
-    takes_long: bool = False
-    remedies: Remedies = field(default_factory=dict)
+    what: str  # such as "opening camel.off"
+    read: Callable[
+        [], Callable[[], None]
+    ]  # in the thread; returns a function that shows the result
+    other: str = ""  # label of the action that opens another file, offered if reading fails
+    source: object = None  # equal sources are the same request; None for a unique request
+    takes_long: bool = False  # whether another request replaces this one only after a question
+    remedies: Remedies = field(default_factory=dict)  # actions offered if reading fails
     started: float = field(default_factory=time.perf_counter, init=False)
 
     @property

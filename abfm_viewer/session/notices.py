@@ -27,13 +27,10 @@ class Notice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """Message about a problem, which stays until it is dismissed or its topic is resolved.
-
-    Resolving a topic removes all cards with this topic in `about`.
-    """
+    """Message about a problem, which stays until it is dismissed or its topic is resolved."""
 
     text: str
-    about: str = ""
+    about: str = ""  # topic; when it is resolved, all its cards are removed
     remedies: Remedies = field(default_factory=dict)
 
 
@@ -46,32 +43,19 @@ class LogEntry(NamedTuple):
 
 
 class Notices:
-    """Messages that are shown to the user.
-
-    Attributes
-    ----------
-    latest : Notice
-        Notice that is shown now; empty if none is. It disappears after some seconds.
-    cards : tuple of Card
-        Errors that stay in view, the latest first, at most 50.
-    log : deque of LogEntry
-        The last 1,000 messages, the oldest first.
-    """
+    """Messages that are shown to the user."""
 
     def __init__(self, action_count: Callable[[], int]) -> None:
-        self.latest = Notice("")
-        self.cards: tuple[Card, ...] = ()
-        self.log: deque[LogEntry] = deque(maxlen=_LOG_ENTRIES_MAX)
+        self.latest = Notice("")  # empty if none is shown; it disappears after some seconds
+        self.cards: tuple[Card, ...] = ()  # errors that stay in view, the latest first
+        self.log: deque[LogEntry] = deque(maxlen=_LOG_ENTRIES_MAX)  # the oldest first
         self._action_count = action_count
         self._shown: tuple[float, int] = 0.0, 0  # time, and the count of actions then
 
     def show(
         self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None
     ) -> None:
-        """Show and log a message; an error is also a card with its remedies.
-
-        A message that is shown already is not logged again.
-        """
+        """Show and log a message, unless it is shown already; an error is also a card."""
         text = " ".join(text.split())
         cards = self.cards
         shown = {card.text for card in cards} if is_error else {self.latest.text}
@@ -94,7 +78,7 @@ class Notices:
             self.show(str(error), is_error=True)
 
     def remedies_for(self, card: Card) -> Remedies:
-        """Return the remedies of a card, without those that newer cards offer as well."""
+        """Return the remedies of a card, without those that newer cards also offer."""
         newer = takewhile(lambda one: one is not card, self.cards)
         taken = [remedy for one in newer for remedy in one.remedies.items()]
         return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
@@ -106,7 +90,6 @@ class Notices:
             self.clear()
 
     def resolve(self, about: str) -> None:
-        """Remove all cards about a topic."""
         for card in self.cards:
             if card.about == about:
                 self.dismiss(card)

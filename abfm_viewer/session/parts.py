@@ -23,7 +23,7 @@ from abfm_viewer.session.sequence_match import SequenceMatch
 
 
 class Parts:
-    """Parts of a session; see `Session`."""
+    """Parts of a session."""
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool) -> None:
         self.jobs = Jobs(at_once)
@@ -42,7 +42,8 @@ class Parts:
         self.sequence_match = SequenceMatch(self.solver)
         self.bound = Bound(self.editor, self.notices, self.solver.process)
         self.player = Player()
-        self.dragging = self.draws_quickly = False
+        self.dragging = False  # whether the mouse drags; the changes are one step of undo
+        self.draws_quickly = False  # on this machine; the window sets both
 
     @property
     def document(self) -> Document:

@@ -13,7 +13,7 @@ from abfm_viewer.session.notices import Notices
 class PathSteps:
     """Shows steps of the result's path, from large to small sigma; each is a step of undo.
 
-    Steps that were shown before are taken from the history, with all facts that were computed.
+    A step that was shown before is taken from the history, with all facts that were computed.
     """
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
@@ -27,20 +27,20 @@ class PathSteps:
 
     @property
     def shown(self) -> int:
-        """Step that is shown, or that is being computed for it; 0 without a result."""
+        """Number of the step that is shown, or being computed for it; 0 without a result."""
         result = self._editor.document.match
         return self._wanted[1] if self._wanted else result.step if result else 0
 
     @property
     def solver_step(self) -> int | None:
-        """Step that the solver chose; None without a result."""
+        """Number of the step that the solver chose; None without a result."""
         document = self._editor.draft
         if document.solver_step is None and document.result:
             return document.result.step
         return document.solver_step
 
     def show(self, step: int) -> None:
-        """Show another step of the result's path; numbers outside the path are clipped."""
+        """Show another step of the path; a number outside the path becomes the first or last."""
         if result := self._editor.document.match:
             self._wanted = result, min(max(step, 0), len(result.path) - 1)
             self.update()

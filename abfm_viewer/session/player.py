@@ -12,28 +12,15 @@ _FRAME_SECONDS_MAX = 0.1  # so that the time does not jump after a long frame
 
 
 class Player:
-    """Moves the shown time between 0 and tau.
-
-    Attributes
-    ----------
-    playing : bool
-    waiting : bool
-        Whether the time stands still because the next picture is still being computed.
-    beyond : bool
-        Whether to play to the end of the time bar instead of tau.
-    repeat : str
-        "once", "loop" or "ping-pong".
-    speed : float
-        1 goes from 0 to tau in `SECONDS`.
-    phase : float
-        Phase of moving streaks, 0 to 1.
-    """
+    """Moves the shown time from frame to frame."""
 
     def __init__(self) -> None:
-        self.playing = self.waiting = self.beyond = False
+        self.playing = False
+        self.waiting = False  # for the next picture, which is being computed; the time stands still
+        self.beyond = False  # whether to play to the end of the time bar instead of tau
         self.repeat: Repeat = "loop"
-        self.speed = 1.0
-        self.phase = 0.0
+        self.speed = 1.0  # of 0 to tau in `SECONDS`
+        self.phase = 0.0  # of moving streaks, 0 to 1
         self._direction = 1.0
         self._starting = self._to_tau = False
 

@@ -63,7 +63,7 @@ def document_of_result(row: ResultRow) -> Opened:
 def document_of_subject(table: PopulationTable, row: ResultRow, kind: ComparisonKind) -> Opened:
     """Return a document of a subject's functions on the template and the mean of the others.
 
-    Unknown values are filled in from their surroundings and have weight 0.
+    Missing values are interpolated from their surroundings and have weight 0.
     """
     found = table.population
     path = table.place / POPULATION if table.place.is_dir() else table.place
@@ -115,36 +115,18 @@ def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
 class Tables:
     """Opens a table, updates it when its folder changes, and shows its rows.
 
-    Parameters
-    ----------
-    session : Session
-    load : callable
-        Performs a `Load` in the background, which replaces the document.
-
-    Attributes
-    ----------
-    table : ResultTable or None
-    column, falls, search
-        Column by which rows are sorted, whether in descending order, and the search text.
-    comparison_kind : str
-        Quantity that is shown of subjects.
-    cursor : (int, str) or None
-        Key of the selected row.
-    has_keys : bool
-        Whether the keys Up and Down move the cursor.
-    scrolls : bool
-        Whether the selected row must be scrolled into view.
+    ``load`` performs a `Load` in the background, which replaces the document.
     """
 
     def __init__(self, session: Session, load: Callable[[Load], None]) -> None:
         self.table: ResultTable | None = None
-        self.column: Name = "verdict"
-        self.falls = False
+        self.column: Name = "verdict"  # by which rows are sorted
+        self.falls = False  # whether rows are in descending order
         self.search = ""
-        self.comparison_kind: ComparisonKind = "difference"
-        self.cursor: Key | None = None
-        self.has_keys = False
-        self.scrolls = False
+        self.comparison_kind: ComparisonKind = "difference"  # quantity shown of subjects
+        self.cursor: Key | None = None  # of the selected row
+        self.has_keys = False  # whether the keys Up and Down move the cursor
+        self.scrolls = False  # whether the selected row must be scrolled into view
         self._session, self._load = session, load
         self._jobs = Jobs(session.at_once)
         self._latest: Latest[ResultTable] = self._jobs.latest()
@@ -157,7 +139,6 @@ class Tables:
 
     @property
     def rows(self) -> tuple[ResultRow, ...]:
-        """Rows that match the search, sorted."""
         if self.table is None:
             return ()
         of = self.column, self.falls, self.search
@@ -174,7 +155,6 @@ class Tables:
 
     @property
     def is_of_document(self) -> bool:
-        """Whether the shown document belongs to the table."""
         place, _ = self._rows_of.get(self._session.document.identity, (None, None))
         return self.table is not None and place == self.table.place
 
@@ -187,7 +167,7 @@ class Tables:
 
     @property
     def summary(self) -> str:
-        """Text above the rows: a hint about a row without a result, or the numbers of verdicts."""
+        """Text above the rows: a hint about a row without a result, or the number of verdicts."""
         if (row := self.unshown_row) is not None:
             return f"{row.name} has no result; {self._session.document.name} is still shown"
         return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
@@ -219,7 +199,6 @@ class Tables:
         self._rows_of[self._last_document] = found.table.place, self.cursor
 
     def close_table(self) -> None:
-        """Close the table; the document stays open."""
         self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
 
     def sort(self, column: Name) -> None:
@@ -235,7 +214,6 @@ class Tables:
         self._next_check = 0.0
 
     def move(self, step: int) -> None:
-        """Show the row that is ``step`` rows below the selected one."""
         if not (rows := self.rows):
             return
         keys = [row.key for row in rows]

@@ -21,7 +21,7 @@ def read_frame_sequence(
     """Read frames on a mesh, and notes for the user.
 
     A file without frames for the mesh raises a `FunctionError`. A file with several arrays raises a
-    `SeveralArraysError` unless one of them is chosen.
+    `SeveralArraysError` unless ``array`` names one of them.
     """
     from abfm.sequences.frames import check_frames  # loads many modules
 
@@ -31,7 +31,7 @@ def read_frame_sequence(
 
 
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
-    """Return a sequence of cosine and sine of phases; of the phases if there is no period."""
+    """Return cosine and sine of the frames, which are phases; without a period, the phases."""
     from abfm.sequences.frames import check_frames  # loads many modules
 
     if sequence.phases is not None:
@@ -50,10 +50,7 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
 
 
 def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) -> SequenceDocument:
-    """Return a document of frames on a surface.
-
-    Unless the view has a viewpoint, the surface is shown from the front with the most changes.
-    """
+    """Return a document of frames, by default seen from the front with the most changes."""
     without_front = replace(surface, front=None)
     return SequenceDocument((without_front,), sequence, time=float(sequence.times[0]), view=view)
 
@@ -61,7 +58,7 @@ def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) ->
 def document_of_pair(
     document: SequenceDocument, first: int, last: int
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document that matches two frames of a sequence, and the values of its functions."""
+    """Return a document that matches two frames, and the values of its functions."""
     sequence = document.sequence
     known: dict[str, FloatArray] = {}
     display_names: dict[str, str] = {}

@@ -35,21 +35,13 @@ class SequenceMatch:
 
     Fields are stored in a checkpoint during the run, from which the next run of the same frames
     resumes.
-
-    Attributes
-    ----------
-    checkpoint_base : callable
-        Returns, for a document, the file next to which the checkpoint lies; None for no checkpoint.
-    pair : (int, int) or None
-        Numbers of two frames that the user chose to match alone.
-    running_document : SequenceDocument or None
-        Document of the current run; the same object during the whole run.
     """
 
     def __init__(self, run: Run[Any]) -> None:
+        # returns the file next to which the checkpoint lies; None for no checkpoint
         self.checkpoint_base: Callable[[SequenceDocument], Path | None] = lambda document: None
-        self.pair: tuple[int, int] | None = None
-        self.running_document: SequenceDocument | None = None
+        self.pair: tuple[int, int] | None = None  # frames that the user chose to match alone
+        self.running_document: SequenceDocument | None = None  # the same object during the run
         self._run = run
         self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # fields of the run, by interval
@@ -59,14 +51,13 @@ class SequenceMatch:
 
     @property
     def step(self) -> Step:
-        """Current or last step of the run."""
         self._step = self._run.step or self._step
         return self._step
 
     def start(self, document: SequenceDocument, then: Then, resumes_only: bool = False) -> None:
         """Match all frames of a document, starting from the checkpoint of an earlier run.
 
-        With ``resumes_only`` only return the fields of the checkpoint. ``then`` is called when the
+        With ``resumes_only``, only return the fields of the checkpoint. ``then`` is called when the
         run is collected.
         """
         self.running_document, self._fields, self._fast_speed = document, {}, 0.0
@@ -84,15 +75,11 @@ class SequenceMatch:
         return len(self._fields) if is_of_run else 0
 
     def fast_speed(self, document: SequenceDocument) -> float:
-        """Return the largest fast speed of the fields found by a run of the document, or 0.
-
-        It never decreases during a run.
-        """
+        """Return the largest fast speed of the run's fields, which never decreases, or 0."""
         return self._fast_speed if self.found_count(document) else 0.0
 
     @property
     def progress_text(self) -> str:
-        """Progress of the run in one line."""
         doing = "paused" if self._run.paused else self.step.text()
         count = self.running_document.sequence.intervals if self.running_document else 0
         return f"{doing}, {len(self._fields)} of {count} intervals found"

@@ -41,22 +41,8 @@ from abfm_viewer.session.work import MatchRun, MatchWork, PairWork, SequenceWork
 class Session(Parts):
     """A document, its history, and the computations for it, independent of the window.
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    name : str
-        Name of the mesh's file.
-    at_once : bool
-        Compute every request immediately, in the caller's thread. Off-screen pictures need this,
-        because they have no frame loop.
-
-    Attributes
-    ----------
-    dragging : bool
-        Set by the window while the mouse drags a widget or a Gaussian; the changes are one step of
-        undo.
-    draws_quickly : bool
-        Set by the window if drawing is fast on this machine.
+    ``name`` is that of the mesh's file. With ``at_once``, the caller's thread computes every
+    request immediately. Off-screen pictures need this, because they have no frame loop.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
@@ -76,7 +62,6 @@ class Session(Parts):
 
     @property
     def work(self) -> Work:
-        """Computations for documents of the current kind."""
         return self._work[type(self.document)]
 
     def surface(self, slot: str = "advected") -> Surface:
@@ -96,7 +81,6 @@ class Session(Parts):
 
     @property
     def result(self) -> abfm.Match | None:
-        """The match of the document, if it has one."""
         return self.document.match
 
     @property
@@ -114,7 +98,6 @@ class Session(Parts):
         self.steps.show(step)
 
     def limit_distortion(self) -> None:
-        """Search for the field of smallest residual within the bound of distortion."""
         self.steps.stop()
         self.bound.start()
 
@@ -128,7 +111,6 @@ class Session(Parts):
         self._step(self.editor.undo, self.editor.past)
 
     def redo(self) -> None:
-        """Redo the last undone step and stop playing; a run continues."""
         self._step(self.editor.redo, self.editor.future)
 
     def _step(self, move: Callable[[], None], steps: list[Step]) -> None:
@@ -177,15 +159,8 @@ class Session(Parts):
     ) -> None:
         """Show an opened document with values of functions from files, and end a run.
 
-        Parameters
-        ----------
-        document : Document
-        known : dict
-            Values (V,) of functions from files, by `Document.values_key`.
-        origin : Origin or None
-            Project file, which Save overwrites.
-        saved : bool
-            False if the document has unsaved changes, as after a crash.
+        ``known`` are values (V,) by `Document.values_key`, ``origin`` is the project file, which
+        Save overwrites. ``saved`` is False for unsaved changes, as after a crash.
         """
         for side in SIDES[-len(document.surfaces) :]:
             self.functions.add(document.surface(side).mesh, document.values_on(side, known))
@@ -247,8 +222,8 @@ class Session(Parts):
     def match(self, from_current_field: bool | None = None) -> None:
         """Start a run unless one is running; if none can start, show the reason.
 
-        ``from_current_field`` starts from the current field instead of zero. By default the switch
-        "from the current field" decides.
+        It starts from the current field or from zero, by default as the switch "from the current
+        field" decides.
         """
         if self.solver.running:
             return
@@ -345,7 +320,6 @@ class Session(Parts):
         return tuple(found)
 
     def rescale(self) -> None:
-        """Scale and shift the sources to the ranges of their targets."""
         self.editor.change("rescale the source", channels=self.rescaled_channels())
 
     def _find_defaults(self) -> None:

@@ -67,8 +67,6 @@ ShowMesh = Callable[[Path, TriangleMesh], None]
 
 
 class OpenQuestion(Protocol):
-    """Signature of `Dialogs.question`."""
-
     def __call__(
         self,
         title: str,
@@ -85,23 +83,11 @@ def open_session(
     second: Path | None = None,
     array: str | None = None,
 ) -> Session:
-    """Open a session with a file that is read immediately.
+    """Open a session with a mesh, project or result that is read immediately.
 
-    Parameters
-    ----------
-    path : Path
-        Mesh, project or result.
-    options : MeshOptions
-        How meshes are read.
-    second : Path, optional
-        A second mesh, to which the first one is registered, or frames on the mesh.
-    array : str, optional
-        Name of the array with the frames, for files with several arrays.
-
-    Raises
-    ------
-    AbfmError
-        If a file cannot be read.
+    ``second`` is a mesh, to which the first one is registered, or frames on the mesh. ``array`` is
+    the name of the array with the frames, for files with several arrays. Raises `AbfmError` if a
+    file cannot be read.
     """
     contents = contents_of(path)
     if contents is Contents.FRAMES:
@@ -133,7 +119,6 @@ def open_session(
 
 
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
-    """Return a session with a document."""
     document, known = opened
     if origin is None:
         document = replace(document, view=document.view_of_result(document.view))
@@ -162,24 +147,7 @@ def _origin(path: Path) -> Origin | None:
 
 
 class SessionFiles:
-    """Opens and saves the files of a session.
-
-    Parameters
-    ----------
-    session : Session
-    state : StateFolder or None
-        Folder that remembers recent files.
-    open_question : callable
-        Shows a question with a title, a text, and the actions of its answers.
-
-    Attributes
-    ----------
-    file_actions : dict
-        Actions that the window offers if a file cannot be read or written, by their labels, such as
-        `OTHER_MESH` and `OTHER_NAME`.
-    waiting : Load or None
-        Request that is performed when the current run has ended.
-    """
+    """Opens and saves the files of a session; recent files are stored in the folder `state`."""
 
     def __init__(
         self, session: Session, state: StateFolder | None, open_question: OpenQuestion
@@ -192,7 +160,8 @@ class SessionFiles:
         # for each file being written: the action at its end, and further actions after that
         self._writing: list[tuple[Future[Origin], Action, list[Action]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
-        self.waiting: Load | None = None
+        self.waiting: Load | None = None  # performed when the current run has ended
+        # offered if a file cannot be read or written, by labels such as `OTHER_MESH`
         self.file_actions: dict[str, Action] = {}
         self.tables = Tables(session, self._load)
 
@@ -254,7 +223,7 @@ class SessionFiles:
     def open_frames(self, path: Path, array: str | None = None) -> None:
         """Open frames on the current mesh, or on surface A, in the background.
 
-        ``array`` chooses one of several arrays of the file.
+        ``array`` names one of several arrays of the file.
         """
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
@@ -300,8 +269,6 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, circular_sequence(sequence, period))))
 
     def match_frames(self, document: SequenceDocument, first: int, last: int) -> None:
-        """Open a separate match of two frames of the current sequence."""
-
         def make(_: View) -> Opened:
             made, known = document_of_pair(document, first, last)
             self.tables.attach_to(made)
@@ -493,8 +460,7 @@ class SessionFiles:
     def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Action:
         """Read a mesh, and compute the properties that the frame loop needs.
 
-        If the mesh is refused and can be repaired, the returned action shows the repairs as
-        remedies.
+        If the mesh is refused and can be repaired, the returned action offers the repairs.
         """
         try:
             mesh = load_mesh(path, **options)

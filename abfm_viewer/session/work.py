@@ -34,22 +34,14 @@ class MatchRun:
     """Runs of matches, and the changes of the document by their results.
 
     Another document may have been opened by the time a run ends.
-
-    Attributes
-    ----------
-    document : Document
-        Document for which the run started.
-    remedy_action : int
-        Action count of the editor when a remedy started the run; the result joins that step.
-    shown_flow_of : Identity or None
-        Identity of the last document whose flow was shown after a match.
     """
 
     def __init__(self, parts: Parts, start: Start) -> None:
         self._parts, self._start = parts, start
-        self.document: Document = parts.document
+        self.document: Document = parts.document  # for which the run started
+        # `Editor.action_count` when a remedy started the run; the result joins that step of undo
         self.remedy_action = -1
-        self.shown_flow_of: Identity | None = None
+        self.shown_flow_of: Identity | None = None  # last document whose flow was shown
 
     @property
     def snapshot(self) -> Snapshot | None:
@@ -125,12 +117,10 @@ class Work(ABC):
 
     @property
     def busy(self) -> str:
-        """Description of background computations for the document."""
         return ""
 
     @property
     def step(self) -> Step | None:
-        """Step of the background computation, with its progress."""
         return None
 
     @property
@@ -140,7 +130,6 @@ class Work(ABC):
 
     @property
     def obstacle(self) -> str:
-        """Reason why a match cannot start; empty if it can."""
         return ""
 
     @property
@@ -155,15 +144,11 @@ class Work(ABC):
 
     @property
     def expected_facts(self) -> abfm.outcome.Facts | None:
-        """Facts about a match before it is solved.
-
-        None if nothing prevents the match, or while the facts are computed.
-        """
+        """Facts about a match that cannot succeed, before it is solved; None if there are none."""
         return None
 
     @property
     def facts(self) -> abfm.outcome.Facts | None:
-        """Facts of the result."""
         result = self.parts.document.result
         return None if result is None else result.facts
 
@@ -173,10 +158,7 @@ class Work(ABC):
 
     @abstractmethod
     def values(self, side: Side) -> FloatArray | None:
-        """Return the active function of a side on its surface, (V,); None if unknown.
-
-        For a sequence these are the frames before and after the shown time.
-        """
+        """Return the active function of a side on its surface, see `Session.values`."""
 
     def flow_values(self, side: Side) -> FloatArray | None:
         """Return the active function of a side as it is matched, (V,): on B of two surfaces."""
@@ -230,8 +212,8 @@ class MatchWork(Work):
     def outdated(self) -> bool:
         """Whether the result belongs to another problem; False without a result.
 
-        While new values are computed, the previous answer stays. For two surfaces the request of
-        the initial map is compared.
+        While new values are computed, the previous answer stays. For two surfaces, the inputs of
+        the initial map are compared.
         """
         document, known = self.document, self.parts.functions.values
         if (result := document.result) is None:
@@ -306,7 +288,7 @@ class MatchWork(Work):
 
     @property
     def _unknown(self) -> str:
-        """Function that has no values, and the reason; empty if there is none."""
+        """Name of a function that has no values, and the reason; empty if there is none."""
         errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 

@@ -58,16 +58,11 @@ class PictureSettings:
 
 @dataclass(frozen=True)
 class MovieSettings:
-    """Settings of a movie.
-
-    `start` and `end` are in units of tau, `turntable` is the rotation of the surfaces in degrees.
-    """
-
     seconds: float = 4.0
     fps: float = 30.0
-    start: float = 0.0
+    start: float = 0.0  # in units of tau, as the end
     end: float = 1.0
-    turntable: float = 0.0
+    turntable: float = 0.0  # rotation of the surfaces, in degrees
 
 
 class _Export(NamedTuple):
@@ -77,26 +72,14 @@ class _Export(NamedTuple):
 
 
 class Exporter:
-    """Writes files in the background, one after another.
-
-    Attributes
-    ----------
-    progress : float
-        Share of the frames that are drawn, 0 to 1.
-    message : str
-        Outcome of the last export; `report` is also called with it.
-    failed : bool
-        Whether the last export failed.
-    window_size : (int, int)
-        Size in pixels of the part of the window that shows the surfaces.
-    """
+    """Writes files in the background, one after another."""
 
     def __init__(self, report: Callable[[str, bool], None]) -> None:
         self._report = report
-        self.window_size = (1280, 720)
-        self.progress = 0.0
-        self.message = ""
-        self.failed = False
+        self.window_size = (1280, 720)  # pixels of the part that shows the surfaces
+        self.progress = 0.0  # share of the frames that are drawn, 0 to 1
+        self.message = ""  # outcome of the last export; `report` is also called with it
+        self.failed = False  # whether the last export failed
         self.picture = PictureSettings()
         self.movie = MovieSettings()
         self._process: subprocess.Popen[str] | None = None
@@ -111,7 +94,6 @@ class Exporter:
 
     @property
     def step(self) -> Step:
-        """Current step of the export and its progress."""
         count = len(self._waiting)
         task = f"{self._task}, {count} more after it" if count else self._task
         if (reported := self._reported) is not None:
@@ -181,7 +163,6 @@ class Exporter:
         self.wait()
 
     def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], object]) -> None:
-        """Write a file now, or after the current exports."""
         with self._lock:
             export = _Export(path, suffixes, write)
             if self.running:

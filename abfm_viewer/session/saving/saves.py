@@ -52,10 +52,7 @@ class Saves:
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
-        """Return whether the match of a document is in no file.
-
-        Another step of the same path does not count as new.
-        """
+        """Return whether a document's match is in no file; a step of a saved path is not new."""
         saved, _ = self._of(document)
         files = (saved, self._exported.get(type(document)))
         in_files = [file.match for file in files if file is not None]
@@ -99,10 +96,7 @@ class Saves:
         return self._of(document)[1]
 
     def unsaved_state(self, document: Document) -> Document | None:
-        """Return the unsaved state of a document that another one replaced, or its new result.
-
-        Pass it to `record` when the document is saved.
-        """
+        """Return the unsaved state of a replaced document, or its new result, for `record`."""
         return self._unsaved.get(document.identity)
 
     def record(
