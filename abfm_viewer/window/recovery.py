@@ -84,7 +84,7 @@ class Recoveries:
         )
 
     def update(self) -> None:
-        """Ask about copies of earlier launches, and write new ones. Call once per frame."""
+        """Offer copies of earlier launches, and write new ones. Call once per frame."""
         session, notices = self._session, self._session.notices
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
@@ -155,7 +155,7 @@ class Recoveries:
             self._reading = self._recoveries.pop(0)
 
     def _show_question(self, recovery: Recovery) -> None:
-        """Ask whether to open a copy, as soon as the copy is read."""
+        """Show the question whether to open a copy, as soon as it is read."""
         show = self._reader.request(recovery, partial(self._read, recovery))
         if show is not None:
             self._reading = None
