@@ -201,7 +201,7 @@ def test_blas_has_one_thread_by_default():
 
 
 def test_missing_opengl_is_one_line(tmp_path):
-    """Without libEGL polyscope would crash; ctypes is patched to miss it."""
+    """Without libEGL, simulated by ctypes, the demo prints one note instead of crashing."""
     done = python(SMALL_DEMO + NO_LIBRARY + RUN_DEMO, tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("note: no picture and no movie: cannot draw")
@@ -260,7 +260,7 @@ def stamp_installed(project):
     ],
 )
 def test_run_opens_the_app_or_the_demo(project, tmp_path, screen, words, expected):
-    """Without a screen it runs the demo."""
+    """`./run` opens the app, or the demo if there is no screen."""
     done = run(project / "run", *words, cwd=tmp_path, env=NO_SCREEN | screen)
     assert (done.returncode, done.stdout) == (0, expected)
 
@@ -295,9 +295,9 @@ def test_run_installs_with_pip_if_uv_fails(project):
 
 
 def test_run_test_reports_all_failed_checks(project):
-    """The copy has no code and no settings of import-linter; all checks run."""
+    """All checks run although the first ones fail on a copy without code."""
     (project / "tests").mkdir()
-    for name in ("__init__", "warm_up"):  # nothing to compile
+    for name in ("__init__", "warm_up"):  # there is nothing to compile
         (project / "tests" / f"{name}.py").touch()
     (project / "pyproject.toml").write_text("[tool.mypy]\nfiles = ['missing']\n")
     stamp_installed(project)
@@ -311,7 +311,7 @@ def test_run_test_reports_all_failed_checks(project):
 
 @pytest.fixture
 def minimal_machine(project, tmp_path):
-    """Return a folder with few programs; Python and sudo succeed without_app effect."""
+    """Return a folder with few programs; Python and sudo succeed without effect."""
     programs = tmp_path / "programs"
     programs.mkdir()
     for name in ("bash", "sh", "cat", "dirname", "env", "id", "touch", "chmod"):
@@ -345,7 +345,7 @@ def test_run_test_names_programs_to_install(project, minimal_machine, apt, advic
     if apt:
         program(minimal_machine / "apt-get", apt)
     done = run(project / "run", "test", env={"PATH": str(minimal_machine)})
-    assert done.returncode == 0  # it continues; the tests that need them fail
+    assert done.returncode == 0  # it continues, and the tests that need them fail
     assert done.stderr.splitlines()[-1].endswith(advice)
 
 

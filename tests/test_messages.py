@@ -36,7 +36,6 @@ def checked(texts, expected=(), update=False, basetemp=None):
 
 
 def run(recorded, update=True, arguments=(), failed=()):
-    """Report tests with their messages to the plugin, and end the run."""
     plugin = MessageSnapshot(config(update, arguments))
     for nodeid, texts in recorded.items():
         properties = [(messages._PROPERTY, text) for text in texts]

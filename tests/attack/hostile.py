@@ -47,7 +47,7 @@ def _gifti(arrays, begin="", chance=None):
 
 
 def _xml(chance):
-    """Nest, define entities of entities, long default values, numbers or unknown encodings."""
+    """Return XML with deep nesting, recursive entities, long default values, unknown encodings."""
     dtd = "<!ENTITY a0 'aaaaaaaaaa'>"
     dtd += "".join(f"<!ENTITY a{k} '{f'&a{k - 1};' * 10}'>" for k in range(1, 10))
     long = f'CDATA "{"x" * chance.choice((99, 4 << 20))}">]>'

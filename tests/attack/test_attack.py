@@ -23,7 +23,7 @@ from tests.shapes import icosphere
 linux = pytest.mark.skipif(
     not sys.platform.startswith("linux"), reason="bounds and watches processes as Linux does"
 )
-# bad behaviour, and its report
+# code with bad behaviour, and words of the report
 ACTS = {
     "raise KeyError('x')": "KeyError: 'x' (outside of abfm)",
     "from abfm import AbfmError; e = AbfmError(); e.args = ('two\\nlines',); raise e": "2 lines",
@@ -37,7 +37,6 @@ ACTS = {
 
 
 def read_as(reader, path):
-    """Run the code in the file."""
     readers.READERS[reader] = lambda path: exec(path.read_text())
     readers.read_as(reader, path)
 

@@ -45,7 +45,7 @@ def test_flows_and_textures_have_their_sizes():
     for problem in drawn:
         v = problem.flow().velocity / BALL.length_scale
         size = np.sqrt((v**2).sum(axis=-1).mean())
-        assert size == pytest.approx(problem.size, rel=0.02)  # faces have similar sizes
+        assert size == pytest.approx(problem.size, rel=0.02)
         f = problem.texture()
         assert np.average(f, weights=areas) == pytest.approx(0, abs=1e-12)
         assert np.average(f**2, weights=areas) == pytest.approx(1)

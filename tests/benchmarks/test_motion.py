@@ -35,7 +35,7 @@ def test_size_of_field_is_displacement(motion):
     assert moving.errors(0, 2 * moving.field) == pytest.approx((0, 1), abs=1e-5)
 
 
-def test_noise_has_its_deviation():
+def test_noise_has_its_standard_deviation():
     moving = moving_texture(icosphere(4), "rough", "rotation", 0.5)
     noise = moving.noisy(0.1, 5) - moving.frames
     assert noise.std() == pytest.approx(0.1 * moving.frames.std(), rel=0.05)

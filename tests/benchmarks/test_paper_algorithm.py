@@ -88,7 +88,7 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
 
 
 def test_omitted_factor_improves_the_gradient():
-    """With the factor that the printed form omits, the gradient is closer to the exact one."""
+    """With the factor that the printed form omits, the gradient's error is more than halved."""
     energy = MatchingEnergy(SPHERE, F, G, PARAMETERS.with_values(gradient="adjoint"))
     exact = energy.objective(PARAMETERS.sigma).evaluate(V[None]).gradient.ravel()
     printed, completed = (
@@ -99,7 +99,7 @@ def test_omitted_factor_improves_the_gradient():
 
 
 def test_exponential_span():
-    """It has the exponential at even times, and is infinite if the matrix is too large."""
+    """The span has the exponential at even times; the energy of too fast fields is infinite."""
     matrix = directional_derivative(SPHERE, V)
     expected = [expm(t * matrix.toarray()) @ F for t in (0.0, 0.4, 0.8, 1.2)]
     assert_allclose(exponential_span(matrix, F, 1.2, 3), expected, rtol=1e-10, atol=1e-12)

@@ -147,7 +147,6 @@ class Desk:
             )
 
     def open(self, path):
-        """Open a file and wait."""
         self.files.open(path)
         self.settle()
 

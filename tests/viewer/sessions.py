@@ -25,7 +25,6 @@ ENDLESS = Parameters.of(
 
 
 def problem(parameters=QUICK, channel=PAIR):
-    """Return the problem of a session with one channel on the sphere."""
     return ProblemSpec(SPHERE, (channel,), parameters, "")
 
 
@@ -54,7 +53,6 @@ def ready(session):
 
 
 def matched(session):
-    """Return the session after its match."""
     session.match()
     until(lambda: session.solver.finished, session)
     return session

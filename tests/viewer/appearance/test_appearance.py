@@ -50,7 +50,7 @@ TO_RGB = np.array(
     ]
 )
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
-CURVES = ("lines", "flow")  # of residuals
+CURVES = ("lines", "flow")  # curves of residuals
 # in CIELAB, where 2.3 is just noticeable; thin lines need several times as much
 DIFFERENCE_MIN = 20.0
 # minimum for texts, and for marks that are needed to understand a widget
@@ -100,7 +100,7 @@ def test_lightness_is_monotonic_from_grey(name, is_dark):
 
 
 def test_maps_on_light_backgrounds_are_unchanged():
-    """Also maps without a zero."""
+    """On light backgrounds all maps are unchanged; on dark ones, those without a zero."""
     names = list(colormaps.NAMES)
     assert [for_background(name, is_dark=False) for name in names] == names
     assert [for_background(name, is_dark=True) for name in names[2:]] == names[2:]
@@ -166,7 +166,7 @@ def test_button_and_sliders_have_contrast(colors):
 
 
 def test_curves_have_contrast_for_every_eye(colors):
-    """With the plot and with each other, also for the colour-blind."""
+    """Curves differ from the plot's background and from each other, also for the colour-blind."""
     curves = [getattr(colors, name) for name in CURVES]
     assert min(contrast(curve, colors.ground) for curve in curves) >= MARK_CONTRAST
     for sight, (one, other) in product(SIGHTS, combinations(curves, 2)):

@@ -39,14 +39,13 @@ def start(table, out, *words):
 
 
 def results(out):
-    """Return the checksums of the results by name."""
     return {path.name: sha256(path.read_bytes()).hexdigest() for path in out.glob("*.npz")}
 
 
 def written(out):
     """Return the state of each result file by name; it changes if the file is written again."""
     found = {}
-    for path in out.glob("[!.]*.npz"):  # without temporary files
+    for path in out.glob("[!.]*.npz"):
         with suppress(OSError):
             state = path.stat()
             found[path.name] = (state.st_ino, state.st_mtime_ns)

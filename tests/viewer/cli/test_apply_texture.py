@@ -46,7 +46,7 @@ def test_texture_round_trip(files, tmp_path, abfm, kind):
     shown = read_texture(there, b)[0].at(points_by_area(b, 2000))
     x, y, _ = (points_by_area(B, 2000).positions).T
     level = [127 + 100 * np.sin(2 * np.pi * w) for w in (0.4 * x + 0.5, 0.5 - 0.4 * y)]
-    assert_allclose(shown[:, :2], np.transpose(level), atol=12)  # both spheres have flat faces
+    assert_allclose(shown[:, :2], np.transpose(level), atol=12)  # the spheres have flat faces
     assert_allclose(shown[:, 2:], np.tile([90.0, 255.0], (2000, 1)))
     line = f"apply {{f}}/c.npz --inverse --texture={{t}}/b.{kind} --size=512 --out={{t}}/back.glb"
     abfm(line, f=files)

@@ -77,7 +77,7 @@ def test_page_has_the_worst_first_and_pictures(solved):
     assert all(link.startswith("data:image/png") for link in page.links)
     for text in ("table.csv", "Not reached", "no picture"):
         assert text in page.text
-    assert "Overview" not in page.text  # only for combinations
+    assert "Overview" not in page.text  # only combinations of options have this section
     rows = json.loads(page.facts)["rows"]
     assert [row["name"] for row in rows] == page.names
     ranks = [Outcome(row["verdict"]).rank for row in rows]
@@ -98,7 +98,7 @@ def test_status_of_a_table_and_of_a_folder(solved, abfm):
     assert by_table["rows"][1]["digest"] is None
     line = "batch --status {f}/other.csv --out {f}/out"
     assert "same: matched" not in abfm(line, f=solved, status=4).out
-    abfm(status, f=solved, status=4)  # same status as before
+    abfm(status, f=solved, status=4)  # the exit status of the run itself
     output = abfm("info {f}/out", f=solved, status=2).err
     check_message(output, f"abfm batch --status {solved}/out")
 
@@ -144,7 +144,7 @@ def test_all_combinations_of_options(abfm, tmp_path, monkeypatch):
     assert places == sorted(places)
     residual = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
     assert f"{100 * residual:.2g}%" in grid
-    assert "Best" not in text  # rows with different targets are different problems
+    assert "Best" not in text
     line = f"batch eight.off --source={NEAR} --target={NEAR} {BRIEF} --set=iterations=1"
     output = abfm(f"{line} --over=alpha=0.1,0.2 --out={{t}}/best --jobs=1 --no-pictures").out
     assert "\nclosest match and least change of areas: alpha 0." in output
@@ -193,7 +193,7 @@ def test_bad_input_is_refused(line, named, tmp_path, abfm):
 
 
 def test_finished_rows_are_reported_after_failures(solved, abfm, monkeypatch):
-    """The connection to the cluster is lost, or the summary cannot be written."""
+    """Finished rows are printed if the cluster's connection is lost or the summary fails."""
     run = Mock(side_effect=ConnectionLostError("the scheduler does not answer any more"))
     monkeypatch.setattr(batch, "run_rows", run)
     line = "batch {f}/table.csv --out {f}/out --quiet"
@@ -287,7 +287,7 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
 
 
 def test_strange_names(tmp_path, abfm):
-    """Long names are cut only on the page; invalid characters hide no row."""
+    """Names of 20,000 letters are cut only on the page; invalid characters hide no row."""
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"
     text = rows.read_text()
@@ -360,6 +360,6 @@ def test_killed_batch_resumes_and_leaves_no_process(tmp_path, abfm):
     assert changed_results(done, written(out)) == []
     assert changed_results({"gone.npz": (0, 0)}, written(out)) == ["gone.npz"]
     assert results(out) == results(tmp_path / "alone")
-    # a worker that started between both kills may have left a file
+    # a worker that started between the two kills may have left a file
     abfm("batch --status {t}/out --no-pictures", status=3)
     assert not list(out.rglob(".abfm-*"))

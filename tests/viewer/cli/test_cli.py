@@ -42,7 +42,6 @@ UNREACHED = 3  # exit status of matches with too few iterations
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """Return the result file of a match of two channels."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
     line = f"{MATCH} --channel coordinate:x coordinate:y 0.01 --out {{path}}"
     assert main(words_of(line, path=path, **MESHES)) == UNREACHED
@@ -51,7 +50,6 @@ def result(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def project(result, tmp_path_factory):
-    """Return the result as a project file."""
     path = tmp_path_factory.mktemp("project") / "m.abfm"
     save_project(path, *document_of_result(load(result), result))
     return path
@@ -111,7 +109,7 @@ def test_commands_are_listed_and_parsers_keep_settings(abfm):
     for command in commands.COMMANDS:
         assert f"\n  {command} " in out
     parsers = Parser(prog="abfm", description="").add_subparsers()
-    # Python 3.14: color
+    # Python 3.14 colors help
     assert parsers.add_parser("match", description="", epilog="the end").epilog == "the end"
 
 
@@ -202,7 +200,7 @@ def test_meshes_are_merged_and_cleaned(tmp_path, abfm):
     path = tmp_path / "split.off"
     path.write_text(off_text(sphere.vertices[corners], np.arange(len(corners)).reshape(-1, 3)))
     of_corners = sphere.vertices[corners, 0]
-    of_corners[-1] += 1  # of a repeated vertex
+    of_corners[-1] += 1  # the second value is that of a repeated vertex
     np.save(tmp_path / "x.npy", of_corners)
     for line in ("info --merge {t}/split.off --clean", "info {t}/split.off --clean --merge=1e-9"):
         assert json.loads(abfm(f"{line} --json").out)["vertices"] == 42
@@ -293,7 +291,7 @@ def test_long_steps_are_reported(quiet, abfm, monkeypatch):
     line = f"match {{eight}} {pair} --set=iterations=5 --refine=0 --set=levels=1 --out {{t}}/m.npz"
     output = abfm(f"{line} {quiet}", status=UNREACHED).err
     assert (f"{slow[2]}, about " in output) is not bool(quiet)
-    assert "factoring a system" not in output  # its duration is unknown, and short here
+    assert "factoring a system" not in output  # a step of unknown, short duration
 
 
 def test_unknown_numbers_are_null(result):
@@ -380,7 +378,7 @@ def test_render_draws_pictures(result, tmp_path, abfm, project):
     ("suffix", "options"),
     [
         ("mp4", "--to=2 --turntable=-90"),
-        ("gif", "--from=1 --to=1 --streaks --progress"),  # only the streaks move
+        ("gif", "--from=1 --to=1 --streaks --progress"),  # only the streaks differ
     ],
 )
 def test_render_writes_movies(suffix, options, result, project, tmp_path, abfm):

@@ -57,7 +57,7 @@ def test_figure_has_a_picture_and_numbers(small, tmp_path, abfm):
 
 
 def test_notes_are_in_all_outputs(small, tmp_path, abfm, monkeypatch):
-    """Also on a machine that cannot draw."""
+    """A figure's note is in its JSON, page and message; without OpenGL only JSON is written."""
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
@@ -81,7 +81,7 @@ def test_matches_are_solved_once_by_a_batch(small, tmp_path, abfm, monkeypatch):
     first = abfm("figure all --out {t} --jobs 1")
     check_names(line_with(first.err, "1 of 1"), "figure 7")
     before = described(tmp_path)
-    # the numbers are the same in this process and in a worker
+    # numbers from a worker equal those from this process
     assert before["measures"] == [measure.to_dict() for measure in ran(7)[1].measures]
     [result] = (tmp_path / "matches").glob("*.npz")
     assert result.stem == ran(7)[0].problem.digest

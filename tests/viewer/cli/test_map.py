@@ -14,7 +14,6 @@ from tests.shapes import ellipsoid, icosphere
 
 
 def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
-    """Write the result file of a given flow, and return its path."""
     f, g = function(mesh, "coordinate:x"), function(mesh, target)
     problem = Problem(mesh, f, g, Parameters(tau=tau, refine=0))
     match_of_flow(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
@@ -93,7 +92,7 @@ def test_inverse_is_the_map_of_negative_time(rotation, tmp_path, abfm):
 
 
 def test_values_return_to_their_vertices(rotation, tmp_path, abfm):
-    """Vertices without faces have no value."""
+    """Values are written for all vertices of the file; those without faces have no value."""
     mesh = load(rotation).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     abfm("map {r} --push {t}/uv.npy --out {t}/there.npy", r=rotation)

@@ -53,7 +53,6 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def facts(folder):
-    """Return the printed JSON."""
     with pytest.MonkeyPatch.context() as patch:
         output = []
         patch.setattr("builtins.print", lambda text, **where: output.append(text))
@@ -117,7 +116,7 @@ def test_means_are_written_for_other_programs(folder, found):
 def test_page_has_all_and_escapes_names(page, facts, found):
     assert all(link.startswith("data:") for link in page.links)
     assert NAME in page.text
-    assert page.tags.count("b") == 1  # around "Advice:", and not in the name
+    assert page.tags.count("b") == 1  # the only bold text is "Advice:", not part of a name
     assert page.text.index(NAME) < page.text.index("subject 4")
     assert json.loads(page.facts)["subjects"][0]["name"] == NAME
     for text in (found.facts.headline, found.facts.reason[1:], "more rounds"):
@@ -145,7 +144,7 @@ def test_pictures_show_means_areas_and_outliers(page):
 
 
 def test_weights_and_landmarks(abfm, folder, monkeypatch):
-    """Two channels and two subjects, one with landmarks, whose table is outside the folder."""
+    """Two channels have weights, and one of two subjects has landmarks outside the folder."""
     (folder / "marks").mkdir(exist_ok=True)
     (folder / "marks" / "one.csv").write_text("\n".join(f"{k},{k}" for k in (0, 40, 90)))
     lines = ["name;depth;edge;landmarks"]
@@ -177,14 +176,14 @@ def test_running_again_solves_nothing(abfm, folder, found, monkeypatch):
     assert page_at(folder / "out" / "population.html").pictures == {}
     refuse = Mock(side_effect=DrawingError("there is no screen"))
     monkeypatch.setattr(pictures, "population_pictures", refuse)
-    output = abfm(f"{LINE} --bound 0.9", f=folder)  # a bound that the mean satisfies
+    output = abfm(f"{LINE} --bound 0.9", f=folder)  # the mean satisfies this bound
     check_message(line_with(output.err, "note: "), "there is no screen")
     assert "more rounds" not in page_at(folder / "out" / "population.html").text
 
 
 def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
     output = json.loads(abfm("batch --status {f}/out --no-pictures --json", f=folder, status=3).out)
-    assert output["counts"] == {"matched": 5, "not reached": 1}  # the outlier
+    assert output["counts"] == {"matched": 5, "not reached": 1}  # the registration of the outlier
     assert {row["digest"] for row in output["rows"]} == set(found.digests)
     assert {row["name"] for row in output["rows"]} == set(found.names)
 

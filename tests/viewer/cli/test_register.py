@@ -48,8 +48,6 @@ def registration(files):
 
 @pytest.fixture
 def apply(abfm, registration, files):
-    """Run `abfm apply` with the registration."""
-
     def run(line, *words, **options):
         return abfm(f"apply {{r}} {line}", *words, r=registration, f=files, **options)
 
@@ -170,10 +168,7 @@ def test_column_of_labels(registration, tmp_path, apply):
     ],
 )
 def test_unused_vertices_have_no_value(files, tmp_path, abfm, option, given, out, missing):
-    """Unused vertices have NaN as data, and an unknown label (-1 in tables).
-
-    The anatomical structure of the surface is written, also if no file name has it.
-    """
+    """Unused vertices have NaN, or label -1; the anatomical structure of the surface is written."""
     loose = with_loose_vertex(A)
     numbers = loose.vertex_ids, loose.file_vertex_count
     b = TriangleMesh(loose.vertices, loose.faces, numbers=numbers, structure="CortexRight")

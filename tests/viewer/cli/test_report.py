@@ -75,7 +75,7 @@ def test_pictures_show_both_surfaces_from_both_sides(page):
     for view in views:
         assert shown[view].shape[1] == 40
         assert shown[view].min() < 240
-    assert len(shown) == len(views) + 3  # plots
+    assert len(shown) == len(views) + 3  # the other pictures are plots
     assert all(picture.std() > 5 for picture in shown.values())
     for row in list(rows)[:2]:
         before, after, wanted = (shown[f"{row}, {each}, front"] for each in columns[1:4])
@@ -171,7 +171,7 @@ def test_symmetric_registration_has_its_page(registered, abfm, tmp_path):
 
 @pytest.mark.parametrize("is_mirrored", [False, True])
 def test_a_is_viewed_from_the_side_of_b(is_mirrored):
-    """Pictures of a rotated copy are those of the original, or of its mirror image."""
+    """Pictures of a rotated copy A are those of B, or of its mirror image."""
     places = B.vertices * [1, 1.4, 0.8] + [0, 0, 0.2] * B.vertices[:, [0]] ** 2
     copied, faces = (places * [-1, 1, 1], B.faces[:, ::-1]) if is_mirrored else (places, B.faces)
     turned = Rotation.from_rotvec([0.4, -1.9, 0.3]).apply(copied)
@@ -182,7 +182,7 @@ def test_a_is_viewed_from_the_side_of_b(is_mirrored):
         seen, wanted = np.asarray(one).astype(float), np.asarray(other).astype(float)
         off = [np.abs(each - wanted).mean() for each in (seen, seen[:, ::-1])]
         assert off[is_mirrored] < 0.6 * off[not is_mirrored]
-        assert is_mirrored or off[False] < 1  # only a mirror image has other light
+        assert is_mirrored or off[False] < 1  # a mirror image has other light
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
     )
     assert one.shape == other.shape == (250, 450, 3)
     red, blue = (np.abs(one - [r, 40, b]).sum(axis=2) < 90 for r, b in ((200, 50), (40, 150)))
-    assert min(red.sum(), blue.sum()) > 1200  # in the colours of the function
+    assert min(red.sum(), blue.sum()) > 1200  # colours of the function
     assert (np.abs(one - other).max(axis=2) > 20).sum() > 500  # the function has rotated
     for words, named in (
         ("a.png --time=3", ["-0.1", "0.1"]),
@@ -142,7 +142,7 @@ def test_sheet_of_a_sequence(files, tmp_path, abfm):
         ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", ["x.pvd", "x_1.vtu"]),
         ("{m} {f} --mask={t}/t.csv --intervals={t}/t.csv --out={t}/a.npz", ["t.csv"]),
         (f"{{m}} {{f}} --mask {'a+' * 200} --out {{t}}/a.npz", []),
-        ("{t}/x/m.ply {f} --out {t}/x.pvd", ["m.ply"]),  # not the name of a frame
+        ("{t}/x/m.ply {f} --out {t}/x.pvd", ["m.ply"]),  # "frame" is not a name of a frame
         ("{m} {f} --out {t}/file.pvd", []),
     ],
 )
@@ -203,7 +203,7 @@ def test_sequence_without_solutions_has_no_speed(files):
 
 
 def test_failed_output_leaves_no_checkpoint(files, tmp_path, abfm, monkeypatch):
-    """The other output has the result, and the message has no temporary folder."""
+    """If one output fails, the other has the result, and no temporary folder is named."""
     full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     monkeypatch.setattr("abfm.io.exports.unstructuredGridToVTK", full, raising=True)
     line = f"sequence {{f}}/m.ply {{f}}/f.npz {SOLVED} --out {{t}}/a.npz --out {{t}}/b.pvd"

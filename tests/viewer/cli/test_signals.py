@@ -48,7 +48,7 @@ def _limited():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs limits of the address space")
 def test_little_memory_is_reported_before_loading():
-    """During the import, OpenBLAS would retry forever."""
+    """Too little memory is reported in one line before OpenBLAS is imported and retries forever."""
 
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, 2 * (350_000 << 10,))
@@ -93,7 +93,7 @@ def test_signal_keeps_the_best_field(tmp_path):
 
 
 def test_signal_keeps_finished_problems_of_bench(tmp_path):
-    """No exception is raised in callbacks of libraries, which would print it and continue."""
+    """A signal keeps finished problems; exceptions in callbacks of libraries would be printed."""
     ball = off_file(tmp_path / "ball.off", icosphere(1))
     process = start("bench", "--success", "--only-given", "--meshes", ball, "--jobs=1", "--json")
     while not process.stderr.readline().startswith("1/6"):
@@ -102,7 +102,7 @@ def test_signal_keeps_finished_problems_of_bench(tmp_path):
     message = "stopping with the finished problems; press Ctrl-C again to exit immediately"
     lines = errors.splitlines()
     assert lines.count(message) == 1
-    lines.remove(message)  # rows may finish before or after it
+    lines.remove(message)  # rows may finish before or after the signal
     report = json.loads(output)
     assert report["interrupted"]
     assert 1 <= len(report["rows"]) < 6
@@ -163,7 +163,7 @@ from abfm_viewer.{module} import main; sys.exit(main({words}))
     ],
 )
 def test_signal_during_an_import_prints_one_line(act, words, module, number):
-    """No exception is raised in compiled code, which would swallow it."""
+    """During an import a signal prints one line; compiled code would swallow an exception."""
     done = python(SIGNAL_IN_IMPORT.format(act=act, words=words, module=module, number=int(number)))
     program = {"cli": "abfm", "app": "abfm-viewer"}[module]
     assert (done.returncode, done.stderr) == (128 + number, f"{program}: interrupted\n")
@@ -215,7 +215,7 @@ def test_ignored_signal_stays_ignored():
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
 def test_helper_process_ends_with_its_parent():
-    """A killed process cannot end its helpers."""
+    """Helpers end by themselves after their parent was killed."""
     script = (
         "import os; from abfm.workers.process import ChildProcess\n"
         "process = ChildProcess('abfm.workers')\n"

@@ -20,7 +20,7 @@ from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from tests.messages import check_message
 from tests.viewer.sessions import until
 
-VALUES, EQUAL = np.zeros(3), np.zeros(3)  # equal, but not the same
+VALUES, EQUAL = np.zeros(3), np.zeros(3)  # an equal array, but another object
 FAILING = 2
 keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
 
@@ -42,7 +42,7 @@ keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
     ],
 )
 def test_arrays_are_compared_by_identity(one, other, expected):
-    """Other objects are compared by value."""
+    """Arrays are compared by identity, and other objects by value."""
     assert same(one, other) is expected
 
 
@@ -71,9 +71,9 @@ def test_memo_keeps_its_value_after_an_error():
 
 
 class RequestMachine(RuleBasedStateMachine):
-    """Requests in any order, which end in any order; the last one is always answered.
+    """Requests for four keys in any order, whose jobs end in any order; one of them fails.
 
-    There are four keys. Each job ends when it is released, and one of them fails.
+    The last request is always answered.
     """
 
     def __init__(self):
@@ -95,7 +95,7 @@ class RequestMachine(RuleBasedStateMachine):
     def request(self, key):
         self.last = key
         answer = self.answer(key)
-        assert answer is None or answer[0] == key[0]  # of an earlier request for the same subject
+        assert answer is None or answer[0] == key[0]  # of an earlier request for this key
         if not self.latest.busy and key[1] != FAILING:
             assert answer == key
 
@@ -121,7 +121,7 @@ class RequestMachine(RuleBasedStateMachine):
 
     def teardown(self):
         if self.last is not None:
-            for _ in range(3):  # the running and the waiting job, and no other
+            for _ in range(3):  # only the running and the waiting job
                 self.end_running_job()
             until(lambda: not self.latest.busy)
             failing = self.last[1] == FAILING
@@ -162,7 +162,7 @@ def raising(error):
     ],
 )
 def test_errors_of_jobs_are_one_line(latest, error, message, monkeypatch):
-    """The next request is answered."""
+    """An error of a job is one line, and the next request is answered."""
     gone = SimpleNamespace(write=raising(OSError("the terminal is gone")))
     monkeypatch.setattr("sys.stderr", gone)  # unprintable errors do not end the thread
     latest.request("bad", raising(error))
@@ -231,7 +231,7 @@ def controlled(latest):
 
 
 def test_repeated_request_is_computed_once(latest, controlled):
-    """Also if its value is known or its job is running."""
+    """A request is not computed again if its value is known or its job is running."""
     job, begun, end = controlled
     there, running = job("there"), job("under way")
     latest.request("there", there)
@@ -252,7 +252,7 @@ def test_repeated_request_is_computed_once(latest, controlled):
 
 
 def test_running_job_does_not_block_others(latest, controlled):
-    """Closing does not wait long for it."""
+    """Another subject's job runs meanwhile, and closing hardly waits for the running one."""
     job, begun, end = controlled
     latest.request("late", job("late"))
     until(lambda: begun == ["late"])

@@ -37,7 +37,7 @@ def test_subprocess_values_are_the_same(in_subprocess, spec):
 
 
 def test_subprocess_warnings_are_the_same(monkeypatch, tmp_path):
-    """For values that differ between copies of a vertex; the window shows each as a card."""
+    """Values that differ between copies of a vertex cause a warning, which becomes a card."""
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
     sphere = icosphere(1)
     corners = np.arange(sphere.faces.size)
@@ -64,7 +64,7 @@ def test_subprocess_errors_are_the_same(in_subprocess, spec):
 
 
 def test_only_large_meshes_have_a_process(monkeypatch):
-    """Closed functions start no process."""
+    """Small meshes and closed functions start no process."""
     assert evaluation.SUBPROCESS_VERTICES_MIN == 20_000
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", len(SPARSE.vertices))
     for mesh, has_one in ((icosphere(1), False), (SPARSE, True)):

@@ -41,9 +41,9 @@ print(resident() - before)
 
 
 def test_freed_memory_is_returned():
-    """Memory of an ended thread on request, and large blocks at once."""
+    """Large blocks are returned at once, and memory of an ended thread on request."""
     returned, remaining = (
         float(python(_RESIDENT + program, check=True).stdout) for program in (_PIECES, _BLOCKS)
     )
-    assert returned > 50  # of 100 megabytes
+    assert returned > 50  # of 100 MB
     assert remaining < 20

@@ -24,7 +24,6 @@ QUICK = Parameters.of(iterations=8, levels=2, refine=0)
 
 @pytest.fixture
 def reports(monkeypatch):
-    """Return the list of sent iterates."""
     reports = []
     monkeypatch.setattr(iterates, "report", reports.append)
     return reports
@@ -48,7 +47,7 @@ def energies(monkeypatch):
 
 
 def test_ended_run_stores_fields_without_workspace(reports, energies):
-    """Every iterate is reported."""
+    """Every iterate is reported; fields remain after the run, without its workspaces."""
     cache = {}
     for run in range(1, 4):
         problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
@@ -60,14 +59,12 @@ def test_ended_run_stores_fields_without_workspace(reports, energies):
         assert advected.shape == found.advected.shape
         assert not energies
         reports.clear()
-    fields(cache, 2, 0)  # the window may still show the run before
+    fields(cache, 2, 0)  # the window may still show the previous run
     with raises(AbfmError):
         fields(cache, 1, 0)
 
 
 class Task:
-    """A task whose iterates are posted by a function."""
-
     problem = SimpleNamespace(mesh=SPHERE)
 
     def __init__(self, post):
@@ -105,7 +102,6 @@ class Iterate:
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Return a simulated clock."""
     clock = SimpleNamespace(seconds=0.0, perf_counter=lambda: clock.seconds)
     monkeypatch.setattr(iterates, "clock", clock)
     return clock
@@ -128,7 +124,7 @@ def test_pictures_take_a_tenth_of_the_time(picture, pause, monkeypatch, reports,
 
 
 def test_best_field_stays_available(reports, monkeypatch):
-    """During a later attempt and after the run, though only few of the newest are stored."""
+    """The best field is stored during later attempts and after the run, besides the newest ones."""
     monkeypatch.setattr(iterates, "_WAIT_SECONDS_MIN", 0.0)
     monkeypatch.setattr(iterates, "_PICTURE_WAIT_RATIO", 0.0)
     residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
@@ -139,7 +135,7 @@ def test_best_field_stays_available(reports, monkeypatch):
             take(Iterate(number, residual))
             known.append(fields(cache, 1, 2)[0])
         assert fields(cache, 1, 6)[0] == "field 6"
-        assert fields(cache, 1, 1)[0] == "field 2"  # no longer stored
+        assert fields(cache, 1, 1)[0] == "field 2"  # its own field is no longer stored
 
     match(cache, 1, Task(post))
     assert known == ["field 0", "field 1", *7 * ["field 2"]]
@@ -155,7 +151,7 @@ def sent(reports):
     ("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)]
 )
 def test_fields_take_2_percent_of_the_time(clock, reports, vertices, seconds):
-    """Except for the first one."""
+    """After the first field, sending fields takes at most 2% of the time."""
     task, spent, moments = Task(lambda take: follow(take)), 0.0, []
     task.problem = SimpleNamespace(mesh=SimpleNamespace(vertices=range(vertices)))
 
@@ -190,7 +186,7 @@ def test_best_field_is_sent_once(clock, reports):
             clock.seconds += 100
 
     match({}, 1, Task(post))
-    assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start has no field
+    assert [now.iteration for now in reports] == [0, 1, 2, 2, 3]  # the start is not sent
     assert [(now.view.field, now.view.picture) for now in sent(reports)] == [
         ("field 2", "picture 2")
     ]

@@ -99,14 +99,13 @@ def same_run(matching, mesh, parameters):
 
 
 def check_advected(match, functions):
-    """Check that the field of a match advects the source to the given function."""
     flow = abfm.Flow(SPHERE, match.velocity, ENDLESS.tau)
     pushed = flow.push(functions.evaluate(PAIR.source), ENDLESS.tau)
     np.testing.assert_allclose(pushed, match.advected[:, 0], atol=1e-5)
 
 
 def test_run_equals_match(matching):
-    """Also on another mesh, prepared or not."""
+    """A run's match is that of `abfm.match`, also on other meshes, prepared or not."""
     assert (matching.snapshot, matching.record) == (None, None)
     same_run(matching, SPHERE, QUICK)
     mesh = icosphere(2)
@@ -119,12 +118,12 @@ def test_run_reports_preparation_of_coarser_meshes(matching, functions):
     steps = []
     set_step = matching.run._set_step
     matching.run._set_step = lambda step: (steps.append(step), set_step(step))
-    sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # without coarser meshes so far
+    sphere = abfm.TriangleMesh(1.1 * SPHERE.vertices, SPHERE.faces)  # without coarser meshes
     matching.prepare(sphere, QUICK.with_values(levels=2))
     matching.begin(replace(problem(QUICK.with_values(levels=2)), mesh=sphere), functions)
     matching.ended()
     tasks = [step.task for step in steps if step]
-    assert tasks.count("making coarser meshes") == 2  # in advance, and when the match uses them
+    assert tasks.count("making coarser meshes") == 2  # in advance, and for the match
     assert steps[-1] is None
 
 
@@ -162,7 +161,7 @@ def test_record_is_the_same_object_until_it_grows(running):
     before = running.record
     until(lambda: running.rows > len(before.stages))
     assert running.record is not before
-    # some have a picture; these are shown
+    # only iterates with a picture are shown
     until(lambda: running.snapshot.shown.iteration > 0)
     assert running.snapshot.shown.view.picture is not None
     until(lambda: running.snapshot.iteration.view.picture is None)
@@ -170,7 +169,7 @@ def test_record_is_the_same_object_until_it_grows(running):
 
 
 def test_fields_are_fetched_on_request(running, functions):
-    """They are available for a while."""
+    """A fetched field is stored with its iterate; other fields are unavailable two runs later."""
     running.run.pause()
     shown = running.snapshot.shown
     again = replace(shown, view=replace(shown.view, picture=None))
@@ -179,7 +178,7 @@ def test_fields_are_fetched_on_request(running, functions):
     for _ in range(2):
         running.begin(problem(), functions)
         running.ended()
-    assert shown.velocity is shown.velocity  # stored after the first request
+    assert shown.velocity is shown.velocity  # the field is stored after the first request
     with raises(AbfmError):
         _ = again.velocity
 
@@ -203,7 +202,7 @@ def test_cancel_at_start_ends_after_one_evaluation(matching, functions):
 
 
 def test_run_continues_with_changed_problem(running):
-    """It starts from the present field."""
+    """A changed problem starts from the present field."""
     until(lambda: running.rows > 40)
     changed = problem(replace(ENDLESS, beta=1e-4))
     running.follow_problem(changed, dragging=True)
@@ -259,7 +258,7 @@ def test_failed_restart_keeps_the_result(running):
 
 
 def test_killed_process_leaves_a_requested_field(running, functions):
-    """The next run has another process."""
+    """A requested field is the result if the process is killed; the next run has another one."""
     found, _ = running.unfinished(running.snapshot, functions)
     result, record, _ = running.killed()
     check_message(running.run.reason)
@@ -268,7 +267,7 @@ def test_killed_process_leaves_a_requested_field(running, functions):
     running.begin(problem(ENDLESS), functions)
     until(lambda: running.rows > 0)
     result, *_ = running.killed()
-    assert result is None  # a field of an earlier run is not used
+    assert result is None  # not a field of an earlier run
 
 
 @pytest.fixture
@@ -288,7 +287,7 @@ def test_killed_process_leaves_the_sent_field(with_sent_field, functions):
 
 
 def test_killed_run_keeps_the_latest_result(with_sent_field):
-    """It is the result since the change of the problem, or the one before."""
+    """After a kill, the result is the latest one, also from before a change of the problem."""
     changed = problem(replace(ENDLESS, beta=1e-4))
     with_sent_field.follow_problem(changed)
     until(lambda: with_sent_field.snapshot.problem is changed)
@@ -298,7 +297,6 @@ def test_killed_run_keeps_the_latest_result(with_sent_field):
 
 
 def iterate(**given):
-    """Return an iterate with the given attributes."""
     names = (field.name for field in fields(abfm.matching.Iteration) if field.default is MISSING)
     numbers = {"energy": 6.0, "regularity": 1.0, "mismatch_energy": 5.0, "residual": 0.4}
     known = dict.fromkeys(names, 0) | numbers | {"sigma": 0.1, "term_energies": {}}
@@ -325,7 +323,7 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
         (4, 0.04, first, 4),
         (1, 0.05, first, 4),
         (3, 0.02, first, 3),
-        (9, 0.01, second, 3),  # for another problem
+        (9, 0.01, second, 3),  # of another problem
     ):
         assert post(number, residual, of=of, field="field") == (4, 4)
         assert matching._best.shown.iteration == best

@@ -49,7 +49,7 @@ def process_of(run):
 
 def test_result_is_passed_on_once(run):
     assert (run.running, run.paused, run.finished, run.seconds_each) == (False, False, False, None)
-    for do in (run.cancel, run.pause, run.resume, run.collect):  # without effect
+    for do in (run.cancel, run.pause, run.resume, run.collect):  # has no effect without a run
         do()
     assert run.state is RunState.IDLE
     started = StartedRun(run, jobs.count, 30)
@@ -66,7 +66,7 @@ def test_result_is_passed_on_once(run):
 
 
 def test_paused_run_makes_no_progress(run):
-    """Until it is resumed or cancelled."""
+    """A paused run makes no progress until it is resumed or cancelled."""
     started = StartedRun(run, jobs.count, FOREVER)
     until(lambda: len(started.partials) > 3)
     for _ in range(2):
@@ -80,14 +80,14 @@ def test_paused_run_makes_no_progress(run):
     run.pause()
     run.cancel()
     assert run.state is RunState.ENDING
-    run.pause()  # it ends nevertheless
+    run.pause()  # a pause does not stop the cancellation
     assert started.ended() == len(started.partials)
     assert (run.finished, run.failed) == (True, False)
 
 
 @pytest.mark.parametrize("paused", [False, True])
 def test_pause_before_the_call_takes_effect(run, paused):
-    """Also a cancellation."""
+    """A pause or cancellation before a run calls its process takes effect in the call."""
     may_begin = threading.Event()
 
     def work():
@@ -103,7 +103,7 @@ def test_pause_before_the_call_takes_effect(run, paused):
 
 
 def test_call_can_be_ended_without_the_run(run):
-    """The next one is paused with the run."""
+    """A call is ended while its run continues; the next call is paused with the run."""
     partials, passed_on = [], []
 
     def work():
@@ -113,7 +113,7 @@ def test_call_can_be_ended_without_the_run(run):
 
     run.start(work, passed_on.append)
     until(lambda: run.paused)
-    time.sleep(0.3)  # the next call begins meanwhile
+    time.sleep(0.3)  # meanwhile the next call begins
     count = len(partials)
     time.sleep(0.1)
     assert len(partials) == count
@@ -143,7 +143,7 @@ def test_errors_are_one_line_and_keep_the_result(run, capsys):
     run.wait(30)
     run.collect()
     assert (passed_on, run.failed, run.reason) == ([None], True, "RuntimeError: boom and more")
-    assert "Traceback" in capsys.readouterr().err  # for the developer
+    assert "Traceback" in capsys.readouterr().err  # the traceback, for developers
     assert StartedRun(run, jobs.count, 1).ended() == 1
     assert run.reason == ""
 
@@ -159,7 +159,7 @@ def test_run_reports_its_step(run):
     check_message(run.reason)
     with raises(WorkerEndedError):
         run.process.call_now(jobs.pid)
-    assert StartedRun(run, jobs.pid).ended()[0] == run.process._worker.pid  # in another process
+    assert StartedRun(run, jobs.pid).ended()[0] == run.process._worker.pid  # of the worker process
 
 
 @pytest.mark.parametrize("tries", [1, 2])
@@ -188,14 +188,14 @@ def test_closing_ends_call_and_process(run):
 
 
 def test_idle_process_is_reused(monkeypatch):
-    """At most two are stored."""
+    """A closed process is reused by the next one; at most two idle processes are stored."""
     monkeypatch.setattr(Process, "_idle_workers", [])
     pids = []
     for _ in range(2):
         run = Run(Process())
         pids.append(StartedRun(run, jobs.pid).ended())
         run.close()
-        Process().close()  # that had no process
+        Process().close()  # which started no process
     assert pids == [(pids[0][0], 1), (pids[0][0], 2)]
     several = [Process() for _ in range(run_module._IDLE_WORKERS_MAX + 1)]
     for process in several:

@@ -34,13 +34,13 @@ def listed(choice):
 
 
 def test_folders_are_first_and_hidden_files_are_omitted(folder):
-    """Files with other suffixes are omitted as well."""
+    """Hidden files and files with other suffixes are omitted, and folders come first."""
     names = [entry.label for entry in read_folder(folder, MESHES).entries]
     assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
 
 
 def test_large_folders_are_truncated_with_a_note(tmp_path, monkeypatch):
-    """Only names and kinds are queried, because other queries are slow on remote disks."""
+    """Only names and kinds of entries are read; other queries are slow on remote disks."""
     names = [f"{number:05}.off" for number in range(ENTRIES_MAX + 5)]
     entries = [SimpleNamespace(name=name, is_dir=lambda: False) for name in reversed(names)]
     monkeypatch.setattr(os, "scandir", lambda folder: nullcontext(entries))
@@ -105,7 +105,7 @@ def test_invalid_paths_are_refused_with_the_reason(folder, saving, typed, named)
 
 
 def test_up_selects_the_previous_folder(folder):
-    """Arrow keys move the selection."""
+    """The button Up selects the folder that was open; arrow keys move the selection."""
     choice = FileChoice(folder / "Apple", MESHES)
     choice.go_up()
     assert (choice.folder, choice.selected) == (folder, "Apple")
@@ -146,14 +146,14 @@ def test_vanished_file_is_refused_and_the_list_read_again(folder):
         ("work.html", "work.html"),
         ("work.NPZ", "work.NPZ"),
         ("work-lh.stc", "work-lh.stc"),
-        ("sub-01.2", "sub-01.2.npz"),  # which is a number
+        ("sub-01.2", "sub-01.2.npz"),  # a valid name that is a number
         ("Apple/work", "Apple/work.npz"),
         ("work.stc", None),
         ("work.xyz", None),
     ],
 )
 def test_name_to_save_gets_a_suffix(folder, typed, file):
-    """Another ending is refused."""
+    """A name without an ending gets the first suffix, and another ending is refused."""
     choice = FileChoice(folder, (".npz", "-lh.stc", ".html"), saving=True, name=typed)
     assert choice.ready
     assert choice.final_name == (file or typed)
@@ -163,7 +163,7 @@ def test_name_to_save_gets_a_suffix(folder, typed, file):
 
 
 def test_saving_uses_the_typed_or_selected_name(folder):
-    """A selected folder is opened."""
+    """The file has the typed name, else the selected one; a selected folder is opened."""
     choice = FileChoice(folder, MESHES, saving=True)
     assert not choice.ready
     choice.select(FolderEntry("b.off", False))
@@ -183,7 +183,7 @@ def test_slow_folder_does_not_block_the_window(folder, held):
     assert choice.listing() is None
     assert requested.wait(30)
     for _ in range(10):
-        assert choice.listing() is None  # as in the frame loop
+        assert choice.listing() is None  # polled as by the frame loop
     may_answer.set()
     assert "b.off" in listed(choice)
     choice.close()

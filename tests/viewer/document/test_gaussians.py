@@ -108,11 +108,11 @@ def test_invalid_values_and_specs_are_refused():
 
 
 def test_fixed_gaussian_is_far_from_all_others():
-    """Its width is that of the last Gaussian."""
+    """A new fixed Gaussian is as far as possible from all others, with the last one's width."""
     others = ["gaussian:x=0,y=0,z=1,width=0.3", "coordinate:x + gaussian:x=0,y=1,z=0,width=0.2"]
     found = parse(bumps.landmark([*others, "eigenfunction:3"], SPHERE))
     assert found.width == 0.2
     away = np.linalg.norm(SPHERE.vertices[:, None] - [[0, 0, 1], [0, 1, 0]], axis=2).min(axis=1)
-    assert away.max() <= away[found.sources(SPHERE)[0]] + 0.1  # ends of edges
-    none = bumps.landmark(["coordinate:x"], SPHERE)  # needs no other, minds none not on the mesh
+    assert away.max() <= away[found.sources(SPHERE)[0]] + 0.1  # within one edge length
+    none = bumps.landmark(["coordinate:x"], SPHERE)  # works without others, or one outside the mesh
     assert bumps.landmark(["gaussian:vertex=99999"], SPHERE) == bumps.landmark([], SPHERE) == none

@@ -24,7 +24,7 @@ def test_vertices_have_the_colors_of_their_labels():
     assert found.names == ("", "insula", "cuneus", "nowhere")
     colors = found.linear_colors(found.values)
     assert_allclose(colors[:4], np.tile([1, 0, 0], (4, 1)))
-    assert np.ptp(colors[4]) == 0  # grey, as it has no name
+    assert np.ptp(colors[4]) == 0  # a label without a name is grey
     assert len(np.unique(colors, axis=0)) == 3
     again = found.labels(KEYS[::-1])
     assert (again.names, again.colors[7]) == (labels.names, RED)
@@ -32,7 +32,7 @@ def test_vertices_have_the_colors_of_their_labels():
 
 
 def test_labels_of_the_file_are_restricted_to_the_mesh():
-    """Labels of another mesh are refused."""
+    """Labels of unused vertices of the file are dropped, and labels of another mesh are refused."""
     loose = with_loose_vertex(BALL)
     keys = np.full(13, 99)
     keys[loose.vertex_ids] = KEYS

@@ -55,10 +55,10 @@ def judged(match, kind, residual=0.0123, verified=0.03):
         ("nearly", 0.08, 0.07, "8%", "warning"),
         ("nearly", 0.049, 0.0501, "5.1%", "warning"),
         ("nearly", 0.049, 0.12, "12%", "warning"),
-        ("nearly", 0.03, math.nan, "", "warning"),  # as their peaks differ
+        ("nearly", 0.03, math.nan, "", "warning"),  # because their peaks differ
         ("registered", 0.41, 0.42, "42%", "good"),
         ("not reached", 0.05, 0.326, "33%", "failure"),
-        ("not reached", 0.05, math.nan, "", "failure"),  # as faces are folded
+        ("not reached", 0.05, math.nan, "", "failure"),  # folded faces
         ("not reached", 0.996, 1.3, "little improvement", "failure"),
         ("not reached", 1.05, math.nan, "little improvement", "failure"),
         ("not reached", 1.0, 1.42, "no improvement", "failure"),
@@ -104,7 +104,7 @@ def test_large_area_change_is_a_warning(found, kind, tone):
 @settings(deadline=None)
 @given(pairs=st.lists(st.tuples(RESIDUAL, RESIDUAL | st.just(math.nan)), min_size=2, max_size=2))
 def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
-    """Nor does it have a worse exit status."""
+    """Neither the verdict nor the exit status is worse for a smaller residual."""
     matches = []
     for residual, verified in pairs:
         one = replace(found, residual=residual, verified_residual=verified)
@@ -119,7 +119,7 @@ def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
 @settings(deadline=None)
 @given(residual=RESIDUAL, verified=RESIDUAL | st.just(math.nan), kind=st.sampled_from(VERDICTS))
 def test_headline_share_is_at_least_both_residuals(found, residual, verified, kind):
-    """The share appears only with the verdict that belongs to it."""
+    """A headline has a residual only with the verdict that this residual gives."""
     match = judged(found, kind, residual, verified)
     expected = match.facts.headline
     if "%" in expected.split(",")[0]:
@@ -158,7 +158,7 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
     first = judged(found, "registered").facts.reason
     assert first.startswith("the cause")
     assert share(found.initial_residual) in first
-    assert "5%" in found.facts.reason  # both checks are within it
+    assert "5%" in found.facts.reason  # the limit of data, which both checks reach
     found = replace(found, verified_residual=math.nan)
     reasons = {
         reason: replace(found, stop_reason=reason).facts.reason
@@ -166,7 +166,7 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
     }
     assert len(set(reasons.values())) == 3
     assert "12 iterations" in reasons[StopReason.ITERATION_LIMIT]
-    for reason, start, words in (  # of incomplete results
+    for reason, start, words in (  # of unfinished runs
         (StopReason.CANCELLED, "cancelled (residual 1.3%)", "best field so far"),
         (StopReason.GIVEN, "given field", "Play"),
     ):
@@ -188,7 +188,7 @@ def test_unknown_numbers_are_omitted(found, iterations):
 
 
 def test_remedies_are_written_as_command_line_options(found):
-    """Verdicts without remedies keep their advice as text."""
+    """Remedies are printed as options; verdicts without remedies keep their advice as text."""
     remedies = (
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
         Remedy("Continue", "go on", {}, True),
@@ -210,9 +210,9 @@ def test_remedies_are_written_as_command_line_options(found):
     [
         ("matched", 0.014, 0.026, "matched (residual 2.6%)"),
         ("nearly", 0.049, 0.0501, "nearly matched (residual 5.1%)"),
-        ("nearly", 0.03, math.nan, "nearly matched"),  # because faces are folded
+        ("nearly", 0.03, math.nan, "nearly matched"),  # folded faces
         ("registered", 0.13, 0.12, "registered (residual 13%)"),
-        ("not reached", 0.02, 0.03, "not reached"),  # as most of it is not motion
+        ("not reached", 0.02, 0.03, "not reached"),  # most of the change is not motion
         ("not reached", 0.4, 0.5, "not reached"),
     ],
 )

@@ -20,7 +20,6 @@ def _shared_processes():
 
 @pytest.fixture
 def matched(gui):
-    """Return the app after a short run."""
     gui.session.editor.amend(parameters=SHORT)
     match(gui)
     return gui

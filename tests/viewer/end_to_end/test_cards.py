@@ -34,14 +34,14 @@ def cards(gui):
 
 
 def test_tour_of_remedies(gui, walk):
-    """Meshes, tables and projects that cannot be read or written until they are repaired."""
+    """Files that cannot be read or written have cards with remedies until they are repaired."""
     walk(gui, copy_the_log_and_read_the_title, open_the_largest_component, merge_and_clean)
     walk(gui, open_another_table, repair_a_bad_file, retry_a_failed_save)
     walk(gui, return_the_keyboard, leave_mouse_and_keys)
 
 
 def test_tour_of_questions(gui, walk):
-    """Open, close and press Escape during a run and after it."""
+    """Meshes are opened, and the window closed, during a run and after it, with questions."""
     walk(gui, cancel_opening)
     walk(gui, answer_during_a_run, show_three_cards, parameters=ENDLESS)
     walk(gui, save_replaced_document, parameters=SHORT)
@@ -55,7 +55,7 @@ def open_the_largest_component(gui, two_spheres):
     gui.click("Open another mesh...", "message 1")
     assert gui.window.dialogs.is_open
     gui.click("Cancel", "Open a mesh")
-    assert cards(gui) == []  # an action of the user dismisses it
+    assert cards(gui) == []  # the user's next action dismisses the card
     gui.window._dropped([str(two_spheres)])
     gui.wait(lambda s: s.notices.cards)
     gui.click("Largest component")
@@ -117,7 +117,7 @@ def repair_a_bad_file(gui, tmp_path):
         gui.wait(lambda s, count=count: len(s.notices.cards) == count)
     first = ["Try again", "Open another mesh...", "Dismiss"]
     assert cards(gui) == [first, ["Try again", "Dismiss"]]
-    gui.click("Try again", within="message 2")  # the intended file is tried
+    gui.click("Try again", within="message 2")  # the remedy opens the intended file
     gui.wait(lambda s: len(s.notices.cards) == 2 and not s.loading.now)
     assert ["one.off" in card.text for card in gui.session.notices.cards] == [True, False]
     gui.click("Dismiss", within="message 1")
@@ -127,7 +127,7 @@ def repair_a_bad_file(gui, tmp_path):
 def show_three_cards(gui):
     notices, done = gui.session.notices, []
     begin(gui)
-    for word in ("first", "second"):  # has only one card, with the newest remedies
+    for word in ("first", "second"):  # the file has one card, with the newest remedies
         notices.show("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
         notices.show("another", True)
     assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
@@ -200,7 +200,7 @@ def retry_a_failed_save(gui, tmp_path):
 
 def return_the_keyboard(gui, tmp_path):
     """Check that the box gets the keyboard back after a save."""
-    gui.window.files.save(tmp_path / "none" / "a.abfm")  # the folder does not exist
+    gui.window.files.save(tmp_path / "none" / "a.abfm")  # a folder that does not exist
     gui.wait(lambda s: s.notices.cards)
     gui.type("spec", "gaussian:vertex=3,width=0.2", within="source", enter=False)
     gui.key("ctrl+s")

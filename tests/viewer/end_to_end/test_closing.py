@@ -40,7 +40,7 @@ def running(gui, path):
 
 
 def test_tour_of_closing(gui, tmp_path, monkeypatch):
-    """Close during a match, before its first field, and after its process was killed."""
+    """The window is closed during a match, before its first field, and after a killed process."""
     document = gui.session.document
     for step in (wait_for_the_run, cancel_closing, try_again):
         path = tmp_path / f"{step.__name__}.abfm"
@@ -131,7 +131,7 @@ def resume_after_a_killed_process(gui):
         os.kill(gui.session.solver.process._worker.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         result = gui.session.result
-        # there may be a better one by now
+        # meanwhile there may be a better field
         assert (result.velocity == best.velocity).all() or result.residual <= best.residual
         check_message(gui.session.notices.cards[0].text)
         gui.click(label, within="message 1")
@@ -164,7 +164,7 @@ def next_launch(tmp_path):
 
 
 def test_tour_of_recovery(tmp_path):
-    """Launches with a copy that is ignored, recovered and saved, discarded, or without project."""
+    """Copies of unsaved work are ignored, recovered, saved, discarded, or without a project."""
     left = project, copy = leave_unsaved_work(tmp_path)
     with next_launch(tmp_path) as gui:
         gui.click("Later")
@@ -223,7 +223,7 @@ def replace_a_changed_project(recovered, left):
     assert recovered.window.dialogs.has_question("Replace a changed file?")
     recovered.click("Save as...", within="Replace a changed file?")
     recovered.frames(3)
-    assert recovered.window.dialogs.is_open  # shows a dialog for the name
+    assert recovered.window.dialogs.is_open  # a dialog for the name opens
     recovered.key("esc")
     recovered.key("ctrl+s")
     recovered.frames(3)

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def test_tour_of_the_driver(gui, walk):
-    """Labels, sliders, sections, pictures, mouse buttons, and errors."""
+    """Labels, sliders, sections, pictures, mouse buttons and errors of the Driver."""
     walk(gui, report_missing_widgets, drag_sliders, drag_with_the_right_button, write_pictures)
     walk(gui, report_ambiguous_labels, follow_a_moving_widget)
     walk(gui, prefer_the_button_to_the_tab)
@@ -148,7 +148,7 @@ def drag_with_the_right_button(gui):
     mesh = gui.session.surface().mesh
     vertex = viewport(mesh).drawn(mesh.vertices[0])
     places = [view.projected("source", vertex)[0] for view in (before, after)]
-    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # not turned
+    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
 
 
 def test_next_driver_has_no_pressed_buttons():
@@ -182,7 +182,7 @@ def test_process_has_one_backend():
 
 
 def test_mock_backend_only_lacks_pictures():
-    """In a separate process."""
+    """In a separate process, the Driver works with the mock backend, except for pictures."""
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere

@@ -22,7 +22,7 @@ def exported(gui, button, path):
 
 
 def test_tour_of_export(matched, tmp_path):
-    """Small pictures and short movies."""
+    """All settings of the tab are used for small pictures, short movies and data."""
     set_sizes_and_save_results(matched, tmp_path)
     save_movies(matched, tmp_path)
     save_pictures(matched, tmp_path)

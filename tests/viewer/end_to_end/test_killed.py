@@ -107,7 +107,7 @@ def test_killed_match_is_recovered(tmp_path):
         assert gui.session.document.runs
         assert result.velocity.any()
         assert result.stop_reason == "cancelled"
-        gui.wait(ready)  # disabled until then
+        gui.wait(ready)  # the button is disabled until then
         gui.click("Continue", within="verdict")
         gui.wait(lambda s: s.matching.snapshot is not None)
         assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual

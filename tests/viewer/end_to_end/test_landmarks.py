@@ -53,7 +53,6 @@ def place(gui, count=4):
 
 
 def positions(gui, side):
-    """Return the positions of landmarks on a side, (L, 3)."""
     points = [one.point(side) for one in gui.session.document.landmarks]
     return surface_points(gui.session.surface(side).mesh, points).positions
 
@@ -66,14 +65,14 @@ def distances(gui, side, vertices):
 
 
 def test_tour_of_landmarks_on_two_surfaces(gui, walk):
-    """All actions on landmarks of two surfaces."""
+    """Landmarks are placed, moved, paired, matched, saved and removed on two surfaces."""
     walk(gui, place_drag_and_remove, complete_half_a_pair, remove_during_a_drag)
     walk(gui, zoom_over_a_landmark, close_the_second_surface, save_and_open_files)
     walk(gui, match_landmarks_alone)
 
 
 def test_tour_of_landmarks_on_one_surface(tmp_path):
-    """Match landmarks with functions, and alone until there is a channel."""
+    """Landmarks are matched with functions on one surface, and alone until there is a channel."""
     with opened(off_file(tmp_path / "ball.off", BALL)) as gui:
         session = gui.session
         gui.click("Place landmarks")
@@ -107,7 +106,7 @@ def place_drag_and_remove(gui):
     assert distances(gui, "target", targets).max() < 0.3
     assert [gui.text_of(f"{n + 1}: placed") for n in range(4)] == [*3 * [""], "chosen"]
     gui.frames(2)
-    # discs on each surface and at the moved points, and rings at the goals
+    # discs on both surfaces and at the moved points, rings at the goals
     landmarks = gui.window.scene.landmarks()
     assert {(each.surface, each.side, each.is_goal) for each in landmarks} == {
         ("source", "source", False),
@@ -153,7 +152,7 @@ def complete_half_a_pair(gui, notes):
     gui.pick(60, "source", modifiers=())
     assert gui.text_of("1: not yet on B, not used") == ""
     assert session.work.problem.landmarks == ()
-    gui.pick(31, "advected", modifiers=())  # which also shows B
+    gui.pick(31, "advected", modifiers=())  # B is also shown
     assert len(session.work.problem.landmarks) == 1
     assert gui.text_of("2: not yet on B, not used") == ""
     gui.input.move(3, 60)

@@ -24,7 +24,7 @@ def calm(gui):
 
 @pytest.mark.usefixtures("coarse_streaks")
 def test_tour_of_look(matched, walk):
-    """Each choice of the tab after a match, and during a run."""
+    """Every choice of the tab Look is used, after a match and during a run."""
     walk(matched, show_fields_maps_and_comparisons, switch_arrows_streaks_lines_and_points)
     walk(matched, warn_of_a_torn_map, hide_old_numbers_during_a_run, follow_a_run_with_arrows)
 
@@ -151,7 +151,7 @@ def follow_a_run_with_arrows(gui, monkeypatch):
     drawn, draw = [], overlays.draw_arrows
     monkeypatch.setattr(overlays, "draw_arrows", lambda *given: (drawn.append(given), draw(*given)))
     monkeypatch.setattr(gui.window.scene.pacing, "waits", lambda name, is_first: True)
-    for _ in range(5):  # requested ones are drawn the first time
+    for _ in range(5):  # arrows that the user requests are drawn at once
         drawn.clear()
         before = gui.session.matching.snapshot.shown.iteration
         gui.wait(lambda s, before=before: s.matching.snapshot.shown.iteration > before + 5)

@@ -139,7 +139,7 @@ def refuse_and_correct(gui):
     assert gui.session.parameters.alpha == 10
     assert not reasons
     gui.type("cooling_stages", "-1")
-    (reason,) = reasons.values()  # the message has the name of the panel
+    (reason,) = reasons.values()  # the message names the panel
     check_message(reason, -1)
     gui.click("cooling_stages")
     gui.key("escape")
@@ -160,7 +160,7 @@ def forget_errors_with_the_next_change(gui):
 
 
 def show_five_parameters_first(gui):
-    """All of them have widgets and symbols."""
+    """Five parameters are shown at first; all of them have widgets and symbols."""
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
     assert {w.name: w.label for w in sliders} == {
@@ -225,7 +225,7 @@ def explain_by_tooltips(gui, monkeypatch):
     gui.frames(2)
     shown.clear()
     gui.frames(40)
-    assert not shown  # the mouse stays at the place of the click
+    assert not shown  # the mouse is still where it was clicked
     gui.hover("Pause")
     assert shown
     gui.session.solver.cancel()  # the run may have ended by now

@@ -25,14 +25,14 @@ def sphere_file(tmp_path):
 
 
 def test_tour_of_the_file_menu(gui, walk):
-    """Open meshes, recent files, folders and projects, and quit."""
+    """Meshes, recent files, folders and projects are opened, and the app is quit."""
     walk(gui, open_a_mesh_and_a_recent_one, walk_through_folders)
     walk(gui, save_and_open_a_project, parameters=SHORT)
     walk(gui, quit_with_unsaved_work)
 
 
 def test_tour_of_edit_view_and_help(gui, walk):
-    """Undo, the view, the flow after a match, and every shortcut."""
+    """Undo, the view, the flow after a match, and every shortcut are used."""
     walk(gui, undo_and_redo_everything, change_the_view)
     walk(gui, show_the_flow_after_a_match, parameters=SHORT)
     walk(gui, use_entries_and_shortcuts)
@@ -139,7 +139,7 @@ def save_and_open_a_project(gui, tmp_path):
     assert gui.session.saves.path == path
     assert is_project(path)
     editor.set_parameter(alpha=4.0)
-    gui.key("ctrl+s")  # no further question
+    gui.key("ctrl+s")  # without another question
     gui.wait(lambda s: not s.saves.unsaved)
     editor.set_parameter(alpha=saved.parameters.alpha)
     gui.key("ctrl+s")

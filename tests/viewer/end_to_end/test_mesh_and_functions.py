@@ -13,12 +13,11 @@ from tests.viewer.sessions import EGG, QUICK, match, take_back
 
 
 def settled(gui):
-    """Wait until every function is evaluated."""
     gui.wait(lambda s: not s.obstacle)
 
 
 def test_tour_of_channels_and_families(gui, walk):
-    """All widgets of channels, Gaussians and families."""
+    """All widgets of channels, Gaussians and families are used."""
     walk(gui, edit_channels_and_gaussians, rescale_an_impossible_pair, use_each_family)
     walk(gui, match_two_channels, scale_a_function)
 
@@ -175,7 +174,7 @@ def use_each_family(gui):
             use(*words, within=side)
         assert spec().startswith(f"{family}{expected.get(family, '')}")
         settled(gui)
-    for text in ("coordinate:z", "coordinate:w"):  # the last text is refused
+    for text in ("coordinate:z", "coordinate:w"):  # the last of the texts is refused
         write("spec", text, within=side)
         assert spec() == "coordinate:z"
     choose("family", "gaussian", within=side)
@@ -211,7 +210,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
     gui.click("Open")
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values[order])
-    gui.choose("vertex map", "order.txt", within=side)  # stays
+    gui.choose("vertex map", "order.txt", within=side)  # the map stays
     np.testing.assert_array_equal(gui.session.values(side), values[order])
     gui.choose("vertex map", "none", within=side)
     settled(gui)
@@ -219,7 +218,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
     table = "\n".join(["a,b", *(f"{value!r},{2 * value!r}" for value in values.tolist())])
     (tmp_path / "table.csv").write_text(table)
     gui.type("path", str(tmp_path / "table.csv"), within=side)
-    gui.wait(lambda s: "2 columns" in s.obstacle)  # a line that moves the widgets below it
+    gui.wait(lambda s: "2 columns" in s.obstacle)  # an added line moves the widgets below it
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
@@ -231,7 +230,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
     gui.type("label", "middle", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), keys == 1)
-    # the egg is symmetric; with any map the function is that of its text
+    # by its symmetry, the egg's function is unchanged
     side = "source"
     for word in ("mirror", "rotation"):
         gui.choose("vertex map", word, within=side)

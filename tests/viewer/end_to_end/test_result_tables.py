@@ -61,7 +61,7 @@ def settle(gui):
 
 
 def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
-    """A folder of results: rows, headings, search, and changes in the folder."""
+    """The table of a folder is sorted, searched, and updated when its files change."""
     with Driver(folder[0], size=SIZE) as gui:
         open_with_the_worst_row(gui)
         show_rows_by_clicks_and_keys(gui)
@@ -75,7 +75,7 @@ def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
 
 
 def test_tour_of_a_population(monkeypatch):
-    """The sample, its outlier, and its table opened from a file."""
+    """The sample population, its outlier, and its table from a file are shown."""
     with Driver(icosphere(1), size=SIZE) as gui:
         gui.menu("Samples", POPULATION)
         tables, end = gui.window.files.tables, time.monotonic() + 60
@@ -219,7 +219,6 @@ def refuse_another_folder(opened, tmp_path):
 
 
 def texts(gui, monkeypatch):
-    """Return the texts of the panels in a frame."""
     with monkeypatch.context() as patched:
         return [text for text, _ in drawn_texts(gui, patched, "note")()]
 
@@ -247,7 +246,7 @@ def show_the_outlier(opened, monkeypatch):
         np.testing.assert_array_equal(opened.window.scene.paints["advected"].values, values)
     for head in ("correlation", "|log2 J|"):
         opened.click(head, "rows")
-    # saved as a project it is an ordinary document
+    # saved as a project, it is a document without a table
     path = tables.table.place / "outlier.abfm"
     opened.window.files.save(path)
     opened.wait(lambda s: not opened.window.files.saving)
@@ -284,7 +283,7 @@ def show_complete_rows(opened, monkeypatch):
     high = heads[3] - heads[1]
     assert min(bottom - top for _, top, _, bottom in rows) == high  # other rows have long reasons
     [(_, height)] = set(sizes)
-    assert height % high == 2  # less the border
+    assert height % high == 2  # minus the border
     assert height > 3 * high
 
 

@@ -117,7 +117,7 @@ def test_pair_of_shapes_is_ready_to_match(samples):
 
 
 def test_cortices_are_ready_to_match(samples, monkeypatch):
-    """Without nilearn the message has the name of the extra to install."""
+    """Both cortices open ready to match; without nilearn the message names the extra to install."""
     samples.menu("Samples", CORTEX)
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
@@ -174,6 +174,6 @@ def test_thumbnails_are_loaded_again_after_removal(samples):
         assert opened_menu(samples)
         samples.frames(3)
         samples.key("esc")
-        samples.window.scene = Scene(samples.window.shown)  # this removes all structures
+        samples.window.scene = Scene(samples.window.shown)  # this call removes all structures
         samples.frames(2)
     assert samples.errors == {}

@@ -103,7 +103,7 @@ def pixels_outside(slots, margin=0):
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_mouse_keeps_surfaces_in_their_slots(size):
-    """In the largest window only for the six surfaces of the automatic layout."""
+    """Drags and zooms never draw outside slots; the largest window tests only one layout."""
     with Driver(SMALL_EGG, size=size) as gui:
         down = cycle(DRAGS)
         layouts = LAYOUTS if size < LARGEST else ("automatic",)

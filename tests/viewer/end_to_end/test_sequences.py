@@ -55,13 +55,13 @@ def shown(gui, slot="advected"):
 
 
 def test_tour_of_opened_frames(gui, walk):
-    """Frames by the menu, of phases, with gaps, from their side, and the sample."""
+    """Frames are opened by the menu: phases, frames with gaps, their own side, the sample."""
     walk(gui, open_by_the_menu, show_the_changing_side, compare_phases_on_a_circle)
     walk(gui, ignore_vertices_without_values, open_the_sample)
 
 
 def test_tour_of_frames(opened, tmp_path, walk):
-    """Frames before a match, their match, and all views of it."""
+    """Frames are viewed before their match, matched, and viewed in all ways afterwards."""
     show_frames_blended(opened)
     step_between_frames(opened)
     pause_and_cancel_the_run(opened, tmp_path)
@@ -341,7 +341,7 @@ def follow_points_and_lines(solved):
     for time in (1, 3, 4):
         solved.type("time", str(time))
         here = path.at(quantities.path_time)
-        # exactly along constant fields, there along a continuous field
+        # exact for constant fields; the window uses a continuous field
         np.testing.assert_allclose(here, paths[time].positions[0], atol=0.02)
     assert np.linalg.norm(here - path.at(0.0)) > 0.15
     solved.click("flow line")
@@ -404,7 +404,7 @@ def write_all_files(solved, tmp_path):
 
 
 def test_files_of_sequences_open(opened, tmp_path):
-    """From arguments, by drops, and from another sequence."""
+    """A sequence opens from arguments, by drops, and while another one is open."""
     path = tmp_path / "wave.npz"
     sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2), 0.0)
     sequence.save(path)

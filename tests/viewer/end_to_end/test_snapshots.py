@@ -75,7 +75,7 @@ def test_window_equals_snapshots(tmp_path, request, monkeypatch):
             update = request.config.getoption("--update-snapshots")
             found.append(compared(gui, name, tmp_path, update))
 
-        # it depends on the speed of the machine
+        # this text depends on the speed of the machine
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         check("start.png")
         match(gui)

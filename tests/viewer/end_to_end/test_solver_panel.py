@@ -131,7 +131,7 @@ def long_range_pair(gui, width, **values):
 
 
 def test_tour_of_the_verdict(gui, walk):
-    """The texts about results and runs, and each of the buttons."""
+    """The texts about results and runs are shown, and each of the buttons is used."""
     walk(gui, match_an_outdated_result_again)
     change_parameters_by_remedies(gui)
     walk(gui, report_a_squeezed_source, limit_the_distortion, continue_near_the_end)

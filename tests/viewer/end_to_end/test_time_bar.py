@@ -45,7 +45,7 @@ def step_and_play(matched):
     for act, time in (
         (lambda: matched.drag("time", 0.3), 0.3),
         (lambda: matched.drag("time", 1.4), 1.4),
-        (lambda: matched.key("ctrl+z"), 0.3),  # a scrub is one step of undo
+        (lambda: matched.key("ctrl+z"), 0.3),  # dragging the time is one step of undo
         (lambda: matched.key("ctrl+z"), 1),
         (lambda: matched.key("ctrl+shift+z"), 0.3),
     ):

@@ -22,7 +22,7 @@ WINDOW = (1000, 700)  # high enough for the complete curve
 
 
 def test_tour_of_the_trade_off(matched, walk):
-    """With a path of three steps."""
+    """On a path of three steps, steps are chosen, limited, computed, saved and exported."""
     gui = matched
     gui.session.editor.amend(result=stepped(gui.session.result))
     gui.window.ui.open_tab = "Match"

@@ -45,7 +45,7 @@ def gui(files):
 
 
 def test_tour_of_two_surfaces(gui, walk):
-    """Open, map and match both, transfer labels of A to B, and save all."""
+    """Two surfaces are opened, mapped and matched, labels of A are transferred, all is saved."""
     walk(gui, close_and_open_b, choose_the_initial_map, match_a_to_b)
     walk(gui, save_and_open, show_and_transfer_labels, drop_both)
 
@@ -75,7 +75,7 @@ def close_and_open_b(gui, files):
     gui.wait(lambda s: isinstance(s.document, PairDocument) and not s.obstacle)
     assert session.surface("source").mesh is egg
     assert session.document.name == "egg.off to ball.off"
-    assert session.active.source == source  # settings of the user stay
+    assert session.active.source == source  # the user's settings stay
     assert not session.saves.unsaved
 
 

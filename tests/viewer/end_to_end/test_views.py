@@ -53,7 +53,7 @@ def test_tour_of_escape(running):
 
 
 def enlarge_one_surface(running):
-    """By a double click; another one or Escape shows all again."""
+    """Enlarge a surface by a double click; another one or Escape shows all again."""
     gui, scene, moves = running, running.window.scene, running.session.editor.action_count
     point_at(gui, "target")
     gui.input.click(2)
@@ -125,7 +125,7 @@ def turn_and_pick(gui):
 
 
 def reset_and_look_from_axes(gui):
-    """Each is a step of undo, but not a drag."""
+    """Reset the view and look along axes, each a step of undo, whereas drags are none."""
     steps, scene, (x, y) = gui.session.editor.action_count, gui.window.scene, middle(gui, "source")
     before = scene.viewpoint
     gui.input.drag((x, y), (x + 60, y + 30))
@@ -141,7 +141,7 @@ def reset_and_look_from_axes(gui):
     gui.input.drag((100, 200), (100, 220))
     again = gui.session.view.viewpoint
     gui.key("ctrl+z")
-    assert gui.session.view.viewpoint == again != turned  # changes by the mouse stay
+    assert gui.session.view.viewpoint == again != turned  # undo keeps changes by the mouse
     gui.key("r")
     assert gui.session.view.viewpoint is None
     gui.input.drag((100, 200), (130, 210))
@@ -192,7 +192,7 @@ def show_a_finer_mesh(gui):
     gui.wait(lambda s: sizes() == {4 * len(own.faces)})
     gui.pick(12)
     assert session.channels[0].source.startswith("gaussian:vertex=12,")
-    gui.wait(lambda s: sizes() == {len(own.faces)})  # of other functions
+    gui.wait(lambda s: sizes() == {len(own.faces)})  # the match is that of other functions
 
 
 def hide_and_show_surfaces(gui, tmp_path):
@@ -223,7 +223,7 @@ def hide_and_show_surfaces(gui, tmp_path):
     gui.key("h")
     check_message(notices.latest.text)
     assert scene.shown == SURFACES
-    others = ("linear blend", "optimal transport", "error")  # also
+    others = ("linear blend", "optimal transport", "error")
     for name in others:
         gui.check(name)
     for name in others:
@@ -260,7 +260,7 @@ def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
         x, y = map(int, middle(gui, name))
         left, top = map(int, gui.window.parts.scene[:2])
         around = bare[y - top - 40 : y - top + 40, x - left - 40 : x - left + 40].reshape(-1, 3)
-        assert len(np.unique(around, axis=0)) > 10  # of the shading
+        assert len(np.unique(around, axis=0)) > 10  # from the shading
         assert np.ptp(around, axis=1).max() < 20
     may_go_on.set()
     gui.wait(lambda s: not s.obstacle and not gui.window.shown.busy)

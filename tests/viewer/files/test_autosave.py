@@ -73,7 +73,6 @@ def offer(autosave, document, unsaved=True):
 
 
 def settle(autosave):
-    """Wait until nothing is being written."""
     until(lambda: autosave._future is None or autosave._future.done())
 
 
@@ -110,7 +109,7 @@ def test_copy_has_values_from_other_files(autosave):
 
 
 def test_copies_are_written_one_at_a_time(autosave, clock):
-    """The newest document wins."""
+    """While a copy is written, only the newest of further documents waits."""
     slow = Slow()
     autosave.offer(DOCUMENT, slow, True)
     assert slow.requested.wait(10)
@@ -135,7 +134,7 @@ def test_heartbeat_lasts_until_everything_is_saved(autosave, clock, tmp_path):
     offer(autosave, DOCUMENT, unsaved=False)
     assert not autosave.path.exists()
     clock.seconds = 63
-    offer(autosave, DOCUMENT)  # undo returned to an unsaved state
+    offer(autosave, DOCUMENT)  # undo leads to an unsaved state
     assert copied(autosave) == "sphere"
 
 
@@ -150,7 +149,7 @@ def test_copy_discarded_while_it_is_written_is_removed(autosave, tmp_path):
 
 
 def test_failed_copy_is_reported_and_tried_again(tmp_path, clock):
-    """The error is one line."""
+    """A failed copy is reported in one line and repeated later."""
     folder = tmp_path / "state"
     folder.touch()
     autosave = Autosave(StateFolder(folder), clock=clock)
@@ -182,7 +181,7 @@ def test_offer_without_changes_does_nothing(autosave, clock, monkeypatch):
     offer_idly(DOCUMENT, unsaved=True)  # too early
     clock.seconds = 21
     offer(autosave, DOCUMENT)
-    offer(autosave, DOCUMENT)  # takes in that it is written
+    offer(autosave, DOCUMENT)  # notices that the copy is written
     clock.seconds = 40
     for document in (DOCUMENT, CHANGED):
         offer_idly(document, unsaved=True)
@@ -261,7 +260,7 @@ def test_document_of_a_running_sequence_is_copied_once(autosave, clock):
     later = replace(document, time=1.0)
     for seconds, shown, of, is_written in (
         (1, document, run, True),
-        (2, later, run, False),  # as it plays meanwhile
+        (2, later, run, False),  # as if it played meanwhile
         (22, later, run, True),
         (50, later, run, False),
         (51, document, object(), True),
@@ -274,7 +273,7 @@ def test_document_of_a_running_sequence_is_copied_once(autosave, clock):
 
 
 def test_failed_copy_of_a_running_sequence_is_repeated(tmp_path, clock):
-    """As often as that of other documents."""
+    """A failed copy is repeated after 20 s, as for other documents."""
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
     document, run, tried = SequenceDocument((SURFACE,), SEQUENCE), object(), list[int]()

@@ -141,7 +141,7 @@ def test_registration_with_collapsed_faces_is_saved(match, tmp_path, monkeypatch
     numbers = np.arange(len(match.mesh.vertices))
     maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
     found = Registration(Correspondence(*maps), match)
-    with raises(ResultError, "x.ply", recorded=False):  # cut by the length of the path
+    with raises(ResultError, "x.ply", recorded=False):  # abbreviated if the path is long
         outputs.write_all([tmp_path / "x.ply", tmp_path / "r.npz"], found)
     saved = load(tmp_path / "r.npz")
     np.testing.assert_array_equal(saved.back.faces, found.back.faces)

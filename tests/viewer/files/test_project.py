@@ -75,7 +75,7 @@ KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
 SHORT = Parameters.of(iterations=5, refine=0, segments=1)
 RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
-RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
+RESULT = replace(RESULT, path=(), step=0)  # other steps are stored in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
 ITERATES = {"residuals": np.array([0.7, 0.5]), "sigmas": np.array([0.2, 0.1])}
@@ -223,7 +223,7 @@ def sequence_document(solved=True):
     ids=lambda document: f"{type(document).__name__} {document.name}".encode("ascii", "replace"),
 )
 def test_documents_are_restored_from_projects(tmp_path, document):
-    """Also unfinished and cancelled results; saving again gives the same bytes."""
+    """Documents, also with unfinished results, are restored; saving again gives the same bytes."""
     known = KNOWN if document.surface().mesh is SPHERE and document.channels else {}
     save_project(tmp_path / "p.abfm", document, known)
     opened, values = load_project(tmp_path / "p.abfm")
@@ -360,7 +360,6 @@ def leaves(value, place=()):
 
 
 def put(value, place, new):
-    """Replace the value at a place."""
     *above, last = place
     for name in above:
         value = value[name]
@@ -403,7 +402,7 @@ def test_damaged_files_are_refused(saved, tmp_path):
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
 def test_changed_json_is_refused_or_opens(tmp_path, document):
-    """Each value in JSON is replaced once, also those of the view."""
+    """With any one value of the JSON replaced, a project is refused or opens."""
     path = tmp_path / "p.abfm"
     save_project(path, document, KNOWN if document is DOCUMENT else {})
     complete = path.read_bytes()
@@ -440,7 +439,7 @@ OTHER_CONTENTS = [
 
 
 def test_invalid_arrays_are_refused(saved):
-    """Arrays of other types, shapes and sizes, and negative ones of a run."""
+    """Arrays of other types, shapes and sizes are refused, as are negative ones of a run."""
     complete = saved.read_bytes()
     contents = itertools.cycle(OTHER_CONTENTS)
     for name in (name for name in members(saved) if name.endswith(".npy")):
@@ -456,7 +455,7 @@ def test_invalid_arrays_are_refused(saved):
 
 
 def test_damaged_results_are_refused(saved):
-    """As in a result file; the message names the project."""
+    """A damaged result is refused as in a result file; the message names the project."""
     inner = saved.with_name("r.npz")
     inner.write_bytes(members(saved)["result.npz"])
     for name, array in (("advected.npy", None), ("velocity.npy", np.zeros((1, F - 1, 3)))):
@@ -627,7 +626,7 @@ def origin(tmp_path):
 
 
 def test_origin_notices_changes_of_its_file(origin):
-    """A missing file does not exist for it."""
+    """A changed or missing file does not equal its recorded origin."""
     assert (origin.exists, origin.changed) == (True, False)
     state = origin.path.stat()
     origin.path.write_text("two")
@@ -637,13 +636,13 @@ def test_origin_notices_changes_of_its_file(origin):
     assert not origin.changed
     origin.path.write_text("three")
     os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns))
-    assert origin.changed  # its size differs
+    assert origin.changed  # the size differs
     origin.path.unlink()
     assert (origin.exists, origin.changed) == (False, False)
 
 
 def test_copy_names_its_original_file(origin, tmp_path):
-    """As long as that file exists."""
+    """A copy names its original file as long as that file exists."""
     copy = tmp_path / "copy.abfm"
     save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {}, origin)
     assert load_origin(copy) == origin

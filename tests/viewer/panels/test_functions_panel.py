@@ -31,19 +31,19 @@ def active(session):
 
 
 def test_active_gaussian_moves_and_stays_active(session):
-    """The other side starts with its first Gaussian."""
+    """The active Gaussian stays active when moved; the other side begins with its first one."""
     session.editor.select(side="source", bump=2)
     active_gaussian.move(session, "source", 9, "drag")
     assert vertices(session, "source") == [1, 2, 9]
     assert active(session) == ("source", 2)
-    for vertex in (7, 8, 9):  # holds the first one of the other side throughout
+    for vertex in (7, 8, 9):  # the other side's active Gaussian is always its first one
         active_gaussian.move(session, "target", vertex, "drag")
     assert vertices(session, "target") == [9, 5]
     assert active(session) == ("target", 0)
     session.undo()
     assert vertices(session, "target") == [4, 5]
     assert active(session) == ("source", 2)
-    active_gaussian.move(session, "target", 4, "drag")  # where it is there already
+    active_gaussian.move(session, "target", 4, "drag")  # to its present place
     assert session.document.side == "target"
     session.editor.select(side="source", bump=2)
     session.editor.set_spec("target", TWO)
@@ -53,7 +53,7 @@ def test_active_gaussian_moves_and_stays_active(session):
 
 
 def test_wheel_changes_the_width_within_limits(session):
-    """For a function without a movable Gaussian the message names the remedy."""
+    """The wheel changes the width within limits; without a movable Gaussian it shows a remedy."""
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),
@@ -88,7 +88,7 @@ def spec(gui, side="source"):
 
 
 def test_tour_of_function_texts(gui, walk):
-    """Families of functions, and widgets that change the spec."""
+    """Families are chosen as text and by widgets, which change the spec."""
     walk(gui, reach_families_from_a_gaussian, change_texts_by_widgets)
 
 
@@ -128,7 +128,7 @@ def change_texts_by_widgets(gui, tmp_path):
     gui.click("bump 1", within="source")
     gui.click("Remove Gaussian", within="source")
     assert spec(gui) == "coordinate:x + gaussian:vertex=5,width=0.3"
-    gui.type("spec", "gaussian:x=1,y=0,z=0", within="source")  # stays there until
+    gui.type("spec", "gaussian:x=1,y=0,z=0", within="source")  # the error stays until this text
     gui.drag("height", -1, within="source")
     gui.type("y", "0.25", within="source")
     gaussian = gaussians(spec(gui))[0]
@@ -140,7 +140,7 @@ def change_texts_by_widgets(gui, tmp_path):
     gui.type("width", "0.5", within="source")
     assert spec(gui) == "wks:width=0.5"
     gui.drag("width", 0.8, within="source")
-    gui.type("spec", "wks", within="source")  # without one again
+    gui.type("spec", "wks", within="source")  # without an error again
     gui.type("width", "nothing", within="source")
     assert spec(gui) == "wks"
     check_message(next(reason for reason in refusals(gui) if "width" in reason), "nothing")
@@ -197,7 +197,7 @@ def drag_a_gaussian(gui):
         > 1e-3
     )
     gui.click("Open mesh...", within="Functions")
-    gui.pick(vertex, surface="target")  # a dialog keeps the mouse from it
+    gui.pick(vertex, surface="target")  # a dialog in front of the surface takes the clicks
     assert session.channels == before
     gui.key("escape")
     gui.choose("family", "coordinate", within="target")
@@ -252,6 +252,6 @@ def place_points(gui):
     assert placed() == (1, 1)
     gui.key("r")
     gui.input.move(*gui.place(vertex, "advected"))
-    gui.input.click(2)  # which shows the surface large
+    gui.input.click(2)  # a double click enlarges the surface
     assert placed() == (1, 2)
     assert gui.window.scene.shown == ("advected",)

@@ -164,7 +164,7 @@ def overlaps(parts):
         (left, top, right, bottom), area = part["rect"], part["area"]
         left, top = max(left, area[0]), max(top, area[1])
         right, bottom = min(right, area[2]), min(bottom, area[3])
-        if left < right and top < bottom:  # else it must be scrolled to
+        if left < right and top < bottom:  # other widgets are visible after scrolling
             seen.append((part, (left, top, right, bottom)))
     for (one, a), (other, b) in combinations(seen, 2):
         yield one, other, min(min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1]))
@@ -180,7 +180,7 @@ def test_each_tab_fits_one_screen(layouts):
 
 
 def test_no_widget_is_cut_off_at_the_side(layouts):
-    """Surfaces have most of the width."""
+    """No widget is cut off at the side, and surfaces have most of the width."""
     for layout in layouts:
         left, _, right, _ = layout["parts"]["scene"]
         assert right - left > layout["size"][0] / 2, where(layout)
@@ -191,7 +191,7 @@ def test_no_widget_is_cut_off_at_the_side(layouts):
 
 
 def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
-    """If a verdict in large letters needs the space, the column with the tabs scrolls."""
+    """Fixed widgets are visible; only below a verdict in large letters the column scrolls."""
     sliders = 0
     for widget, layout, place in drawn:
         inside = widget["section"].split("/")[0]
@@ -207,7 +207,7 @@ def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
 
 
 def test_abbreviated_texts_have_a_tooltip(drawn):
-    """At an ordinary scale no text is abbreviated."""
+    """Abbreviated texts have a tooltip; at an ordinary scale no text is abbreviated."""
     for widget, layout, place in drawn:
         is_cut = widget["shown"] not in ("", widget["label"])
         assert not is_cut or layout["scale"] > 1, f"{widget['label']!r}: {place}"
@@ -260,7 +260,7 @@ def test_status_line_has_the_headline_or_the_verdict(layouts):
 
 
 def test_remedies_and_advice_are_visible(layouts):
-    """Also advice without a button."""
+    """Buttons of remedies are visible, and so is advice without a button."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
         are_there = layout["state"] in ("matched", "with a path", "exported", "question")
@@ -279,7 +279,7 @@ def test_remedies_and_advice_are_visible(layouts):
 
 
 def test_widgets_do_not_move_between_states(drawn):
-    """Unless a long verdict needs more height."""
+    """Widgets stay in place in all states, unless a long verdict needs more height."""
     first = {}
     for widget, layout, place in drawn:
         is_long = layout["state"] in LONG or layout["scale"] > 1
@@ -293,7 +293,7 @@ def test_widgets_do_not_move_between_states(drawn):
 
 
 def test_widgets_behind_a_dialog_are_disabled(drawn):
-    """They keep their tooltips."""
+    """Widgets behind a dialog are disabled, but keep their tooltips."""
     kinds = ("slider", "box", "button", "checkbox", "combo")
     for widget, layout, place in drawn:
         if layout["state"] == "question" and widget["section"] != "A title":

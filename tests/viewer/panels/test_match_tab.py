@@ -44,7 +44,7 @@ def test_stages_and_finer_meshes_have_separate_lines(marked, stages, meshes):
 
 
 def test_smallest_residual_decreases_until_a_change():
-    """Unknown residuals are computed from the energy."""
+    """It never rises before a change; unknown residuals are computed from the energy."""
     record = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
     record = replace(record, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
     assert list(record.best_residuals) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
@@ -78,7 +78,7 @@ def test_tooltip_of_an_iteration():
     coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
     assert energy.stage_text(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
     assert energy.stage_text(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
-    assert energy.stage_text(run([0, 0, 1]), 2) == "stage 2"  # of before
+    assert energy.stage_text(run([0, 0, 1]), 2) == "stage 2"  # an iteration before the change
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_slider_positions_and_values_are_inverse(ends, values):
 
 
 def test_logarithmic_slider_from_0_has_a_range_for_0():
-    """Values below its decades are not possible."""
+    """Values below the slider's decades, except 0, are not possible."""
     ends = Range(0, 1, log=True)
     assert ends.value_at(0.01) == 0
     assert ends.value_at(0.05) == pytest.approx(1e-6)

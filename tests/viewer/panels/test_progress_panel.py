@@ -30,7 +30,7 @@ def test_job_reports_its_step_until_it_is_done():
 
 def test_evaluation_reports_steps_from_its_subprocess(monkeypatch):
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", 0)
-    mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
+    mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # a mesh without cached eigenfunctions
     functions = evaluation.Functions(mesh)
     steps = []
     with progress.reporting_steps(steps.append):

@@ -64,7 +64,7 @@ def touches(empty):
 
 
 def test_picture_equals_the_window(document):
-    drawn(document, degrees=40)  # must not leave a rotation
+    drawn(document, degrees=40)  # which must not change the rotation
     session = Session(EGG, "egg")
     session.restore(viewed(document, color_bar=False), {}, None)
     window = Window(session, opengl.OFFSCREEN_BACKEND, (900, 560))
@@ -95,7 +95,7 @@ def test_frames_show_exact_functions(document):
         for time in (0.0, 0.613, 2.0, 3.7):
             renderer.picture(time)
             values = renderer._scene.paints["advected"].values
-            # the solver's own values, with the accuracy that it needs
+            # values of the solver have a lower accuracy
             at_tau = time == document.parameters.tau
             expected = document.result.advected[:, 0] if at_tau else document.result.advect(time)
             np.testing.assert_allclose(values, expected, rtol=1e-10, atol=1e-12)

@@ -48,7 +48,7 @@ def decoded(path):
     ("suffix", "count", "fps", "size"),
     [
         (".mp4", 31, 23.976, (120, 160)),
-        (".mp4", 1, 4, (121, 161)),  # its last row and column are dropped
+        (".mp4", 1, 4, (121, 161)),  # odd sizes lose the last row and column
         (".gif", 31, 0.5, (120, 160)),
         (".gif", 9, 50, (121, 161)),
         (".gif", 1, 4, (120, 160)),

@@ -51,7 +51,6 @@ def of(*row, **options):
 
 
 def draw(panel, size=160):
-    """Return the picture of one panel, (size, size, 4)."""
     [picture] = panels.panel_pictures(
         of(panel), [(size, size)], color_ranges(of(panel)), cameras(of(panel), (1.0, 1.0))
     )
@@ -73,7 +72,7 @@ def spread(pixels):
 def test_cells_have_one_height_and_do_not_overlap(rows, bars):
     layout = sheets.lay_out(rows, bars)
     assert len(layout.bars) == bars
-    assert layout.width <= sheets.WIDTH_MAX + 8  # rounding of the widths of cells
+    assert layout.width <= sheets.WIDTH_MAX + 8  # up to rounding of the widths of cells
     heights = {place.height for row in layout.rows for place in row}
     assert len(heights) == 1
     assert heights.pop() <= sheets.PANEL_HEIGHT_MAX
@@ -96,7 +95,7 @@ def test_cells_have_one_height_and_do_not_overlap(rows, bars):
 
 
 def test_widest_row_fills_the_sheet():
-    """Unless its panels would be too high."""
+    """The widest row fills the sheet, unless its panels would exceed the maximum height."""
     assert sheets.lay_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
     single = sheets.lay_out([[1.0]], 0)
     assert single.rows[0][0].height == sheets.PANEL_HEIGHT_MAX

@@ -120,7 +120,7 @@ def test_abbreviated_titles_have_tooltips(tooltips):
 
 @pytest.mark.parametrize("right", [240, 480, 1000])
 def test_bars_are_one_line_in_a_low_window(right):
-    """In a low window the surfaces get most of the height."""
+    """In a low window colour bars are one line, so that surfaces get most of the height."""
     height = 320
     found = annotations.annotation_parts(
         scene(right, columns=5), (0, 0, right, height), LARGE, labels=False

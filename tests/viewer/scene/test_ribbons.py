@@ -29,7 +29,7 @@ def angles(places):
 
 @pytest.mark.parametrize("duration", [1.0, -1.0])
 def test_path_has_the_direction_of_the_flow(duration):
-    """It also has it for a flow line that was followed backwards."""
+    """A path runs along the flow, also for a flow line that was followed backwards."""
     path = overlays.path_of_line(SPHERE, around(duration))
     assert angles(path.places)[-1] > angles(path.places)[0]
     np.testing.assert_allclose(np.linalg.norm(path.normals, axis=1), 1)
@@ -55,7 +55,7 @@ def test_line_has_heads():
 
 
 def test_isolines_have_their_values():
-    """There are none where the function is constant."""
+    """Isolines lie at their values; there are none where the function is constant."""
     mesh = square(20)
     x = mesh.vertices[:, 0]
     vertices, faces = overlays.isoline_ribbons(mesh, x, [0.25, 0.6], HALF)
@@ -93,7 +93,7 @@ def test_evenly_spread_faces_are_large():
 
 
 def test_ribbons_face_outwards():
-    """Otherwise a ribbon on the far side would be visible beyond an edge."""
+    """Ribbons face outwards, so those on the far side are hidden behind edges."""
     centres = COARSE.vertices[COARSE.faces].mean(axis=1)
     starts = SurfacePoints(COARSE, np.arange(0, 1280, 40), np.full((32, 3), 1 / 3))
     lines = flow_lines(COARSE, np.cross([0, 0, 1.0], centres), starts, 0.3)
@@ -128,4 +128,4 @@ def test_line_keeps_its_width_at_sharp_turns():
     steps = np.linspace(0, 1, 400)[:, None, None]
     line = (corners[:-1] + steps * np.diff(corners, axis=0)).reshape(-1, 2)
     away = np.linalg.norm(vertices[:, None, :2] - line, axis=2).min(axis=1)
-    assert np.quantile(away, 0.9) < 1.01 * HALF < away.max() < 3 * HALF  # except for heads
+    assert np.quantile(away, 0.9) < 1.01 * HALF < away.max() < 3 * HALF  # excluding arrow heads

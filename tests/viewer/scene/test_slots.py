@@ -84,7 +84,7 @@ def test_six_surfaces_are_in_rows_by_shape_or_layout(size, layout, columns):
     assert len({slot.rect[0] for slot in found}) == columns
     filled = [(slot.rect[2] - slot.name[0]) * (slot.rect[3] - slot.name[1]) for slot in found]
     assert sum(filled) == pytest.approx(size[0] * size[1])
-    five = slots_of(5, (0, 0, 900, 600)).values()  # the middle of a shorter last row
+    five = slots_of(5, (0, 0, 900, 600)).values()  # a shorter last row is centred
     assert [slot.rect[0] for slot in five] == pytest.approx([0, 300, 600, 150, 450])
 
 
@@ -125,7 +125,7 @@ def point_at(seen, name, place):
 
 
 def test_surface_fits_its_slot_from_every_side():
-    """From the front it fills the slot."""
+    """A surface stays in its slot from every side; from the front it fills the slot."""
     for rotation in rotations(100):
         seen = view(rotation=rotation)
         for name, slot in PLACES.items():
@@ -139,7 +139,7 @@ def test_surface_fits_its_slot_from_every_side():
 
 
 def test_matrix_agrees_with_projection():
-    """All surfaces have the same view."""
+    """The camera's matrix gives the projected points; all surfaces have the same view."""
     seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
     np.testing.assert_allclose(places[1:], [places[0]] * 2, atol=1e-9)
@@ -194,7 +194,7 @@ def test_surfaces_move_with_the_mouse(delta):
 
 
 def test_nearest_slot_is_under_the_mouse():
-    """A surface cannot be moved out of its slot."""
+    """The slot nearest to the mouse is used, and a surface cannot leave its slot."""
     seen = view()
     assert seen.slot_at((450, 5)) == "advected"
     assert seen.slot_at((-20, 900)) == "source"
@@ -258,7 +258,7 @@ def test_name_stays_in_its_slot(away):
 
 
 def test_name_at_the_left_ends_at_its_surface():
-    """It ends where the surface begins in its widest view, within its slot."""
+    """A name at the left ends where the widest view of its surface begins, in its slot."""
     low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
     seen = view(9.0, places=low)
     assert seen.has_names_at_left
@@ -302,7 +302,6 @@ SMALLER = 8  # smaller pictures, because the time of drawing depends on the pixe
 
 @pytest.fixture
 def scene():
-    """Plain bodies in slots, without a window."""
     opengl.start(opengl.OFFSCREEN_BACKEND, 64, 64)
     session = Session(load_mesh(asset_path("human_A.off")), "body", at_once=True)
     session.editor.amend(surfaces=session.document.facing(FRONT).surfaces)
@@ -317,7 +316,7 @@ def scene():
 @pytest.mark.parametrize("size", [(1000, 700), (1280, 800), (2560, 1440)])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_surfaces_are_drawn_inside_their_slots(scene, layout, size, scale):
-    """By pixels in the free part of the window, from every side and at every zoom."""
+    """From every side and at every zoom, pixels outside of all slots are empty."""
     session, six = scene._session, layout == "automatic"
     view = replace(session.view, layout=layout, blend=six, transport=six, error=six, viewpoint=None)
     session.editor.amend(view=view)

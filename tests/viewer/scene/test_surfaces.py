@@ -94,7 +94,7 @@ def test_overlays_and_clicks_are_on_the_surface(scale, offset, tmp_path):
 
 @given(faces=st.integers(4, 10**7), scale=st.floats(1, 10_000), more=st.floats(1, 100))
 def test_wireframe_is_thinner_for_smaller_faces(faces, scale, more):
-    """It is also not wider from a greater distance."""
+    """Smaller faces and a greater distance never give wider edges."""
     assert 0 < edge_width(faces, scale) <= edge_width(faces, more * scale) <= 1
     assert edge_width(round(more * faces), scale) <= edge_width(faces, scale)
 
@@ -153,7 +153,7 @@ def sheet(n, height):
 
 
 def test_end_of_a_crease_is_not_split():
-    # a valley that begins in the middle
+    # a valley begins in the middle of the sheet
     mesh = sheet(20, lambda x, y: np.maximum(x, 0) ** 2 * np.abs(y) * 2)
     twice = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
     assert len(twice) > 3
@@ -175,7 +175,7 @@ def bump(mesh, place):
 
 
 def test_front_shows_both_functions():
-    """Also on a surface that is inside out."""
+    """The front is within 60 degrees of both functions, also if the surface is inside out."""
     sphere = icosphere(3)
     inside_out = TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])
     for places in ([[1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, 0, -1]], [[0, 0, 1], [0, 0, 1]]):
@@ -186,7 +186,7 @@ def test_front_shows_both_functions():
 
 
 def test_front_without_functions_is_the_broad_side():
-    """If both sides or both directions are equal, the choice is always the same."""
+    """The front is the broad side; ties are decided independently of the order of faces."""
     assert abs(best_front(ellipsoid(3, 2, 1, 0.3)).direction[2]) > 0.95
     body = load_mesh(asset_path("human_A.off"))
     front = best_front(body)
@@ -217,7 +217,7 @@ def test_front_keeps_the_given_up_axis(up):
 
 @pytest.mark.parametrize(("structure", "side"), [("CortexLeft", -1), ("CortexRight", 1)])
 def test_cortex_front_is_that_of_workbench(structure, side):
-    """It is the lateral side with z upwards for all functions, unless an axis is given."""
+    """The lateral side is the front, with z upwards, unless another axis is given."""
     body = ellipsoid(2, 1, 1.2, 0.8)
     mesh = TriangleMesh(body.vertices, body.faces, structure=structure)
     f = bump(mesh, [0, 0, 0.8])

@@ -108,7 +108,7 @@ def test_exports_factor_large_systems_in_a_subprocess(exporter, document, out, m
 
 
 def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatch):
-    """Cancelling ends all of them."""
+    """Exports run one after the other and report steps; cancelling ends all of them."""
     may_write, written = threading.Event(), []
 
     def write(path, found):

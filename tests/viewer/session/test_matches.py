@@ -35,7 +35,7 @@ def requests(monkeypatch):
 
 
 def test_coarse_meshes_are_prepared_once(requests, session):
-    """Once for each mesh and number of levels."""
+    """Coarse meshes are prepared once for each mesh and number of levels."""
     until(lambda: requests, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
@@ -44,7 +44,7 @@ def test_coarse_meshes_are_prepared_once(requests, session):
             session.update()
             until(lambda: not session.work._coarse_meshes.busy)
     assert requests == [(SPHERE, 0), (SPHERE, 2)]
-    off_the_screen = Session(SPHERE, "sphere", at_once=True)  # where none are needed
+    off_the_screen = Session(SPHERE, "sphere", at_once=True)  # which prepares no meshes
     off_the_screen.editor.amend(channels=(PAIR,))
     for _ in range(2):
         off_the_screen.update()
@@ -65,7 +65,7 @@ def test_warm_start_converts_fields_and_tau(session):
 
 
 def test_run_follows_a_dragged_gaussian_at_once(endless):
-    """It follows alpha when the mouse is released; Match has no effect meanwhile."""
+    """A drag is followed at once, alpha after the mouse is released; Match has no effect then."""
     started = solving(endless).solver.started
     endless.match()
     assert endless.solver.started == started
@@ -89,11 +89,11 @@ def test_run_follows_a_dragged_gaussian_at_once(endless):
     until(lambda: endless.matching.snapshot.problem == endless.work.problem, endless)
     endless.editor.seal()
     endless.undo()
-    assert endless.active == PAIR  # one step
+    assert endless.active == PAIR
 
 
 def test_result_for_a_replaced_mesh_is_unsaved(endless):
-    """It is not shown."""
+    """A result for a mesh that was replaced is not shown, but counts as unsaved."""
     solving(endless)
     endless.set_mesh(TORUS, "torus")
     end_run(endless)
@@ -164,7 +164,7 @@ def missed():
 
 
 def test_first_remedy_improves_the_match_in_one_step(missed):
-    """The step is separate if the user changed something meanwhile."""
+    """Parameters and match are one step of undo, unless the user changed something meanwhile."""
     before, result = missed.document, missed.result
     assert result.verdict.kind == "not reached"
     first = result.verdict.remedies[0]
@@ -189,7 +189,7 @@ def test_first_remedy_improves_the_match_in_one_step(missed):
 
 
 def test_continue_starts_from_the_current_field(missed):
-    """During a run a remedy has no effect."""
+    """Continue starts from the current field; during a run a remedy has no effect."""
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
     assert not missed.matching.warm
     missed.remedy(Remedy("Continue", "go on", {}, True))
@@ -202,7 +202,7 @@ def test_continue_starts_from_the_current_field(missed):
     missed.remedy(remedy)
     assert missed.parameters == ENDLESS
     end_run(missed)
-    assert missed.editor.undo_label == "match"  # no part of a step before it
+    assert missed.editor.undo_label == "match"  # the match is a step of its own
 
 
 @pytest.fixture
@@ -217,7 +217,7 @@ def shows_flow(session):
 
 
 def test_playing_waits_for_its_pictures(flowing, tmp_path):
-    """The document stays saved, and undo removes the flow together with the match."""
+    """The flow is played when computed; the document stays saved, and undo removes it."""
     flowing.player.waiting = True
     matched(flowing)
     flowing.saves.record(flowing.document, Origin.of(tmp_path / "a.abfm"))
@@ -247,7 +247,7 @@ def test_actions_of_the_user_stop_playing(flowing):
 
 
 def test_the_flow_of_a_cancelled_run_is_shown(endless):
-    """Unless showing the flow is switched off."""
+    """After a cancelled run the flow is played, unless this is switched off."""
     end_run(solving(endless))
     assert (endless.player.playing, endless.time) == (False, endless.parameters.tau)
     assert not shows_flow(endless)
@@ -280,7 +280,7 @@ def test_quick_machines_show_streaks_on_small_meshes(ball, quickly):
 
 
 def test_view_after_a_match_keeps_choices_of_the_user(ball):
-    assert ball.view_of_flow(velocity=0.0) is None  # no flow to see
+    assert ball.view_of_flow(velocity=0.0) is None  # there is no flow to show
     assert ball.view_of_flow(flow_after_match=False) is None
     for chosen in ({"streaks": True}, {"coloring": "speed"}):
         assert ball.view_of_flow(**chosen) is ball.view

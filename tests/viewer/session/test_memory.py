@@ -52,15 +52,15 @@ def threads():
 
 
 def test_other_meshes_have_no_threads(session):
-    """Undo starts them again."""
+    """Threads for other meshes end, and undo starts them again."""
     first, values = session.surface().mesh, session.values("source")
     show(session, "second")
-    most = len(threads()) + 1  # one more may have been needed at a time
+    most = len(threads()) + 1  # one more thread may have run at the same time
     show(session, *(f"mesh {number}" for number in range(12)))
     until(lambda: len(threads()) <= most, session)
     undo(session, 13, waits=False)
     assert session.surface().mesh is first
-    assert session.values("source") is values  # shown values are kept
+    assert session.values("source") is values  # shown values are stored
     assert session.outdated is False
     session.editor.set_spec("source", "coordinate:z")  # other functions are evaluated again
     ready(session)
@@ -69,7 +69,7 @@ def test_other_meshes_have_no_threads(session):
 
 
 def test_caches_of_other_meshes_are_dropped(session):
-    """After undo they are computed again."""
+    """Caches of meshes that are not shown are dropped, and computed again after undo."""
     first = matched(session).surface().mesh
     assert first.cache
     show(session, "second", "third")
@@ -80,7 +80,7 @@ def test_caches_of_other_meshes_are_dropped(session):
 
 
 def test_meshes_outside_the_history_are_released(session, tmp_path, monkeypatch):
-    """Their saved states are released as well."""
+    """Meshes beyond the undo history, with their saved states, are garbage-collected."""
     monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 5)
     seen = weakref.WeakSet()
     for number in range(9):
@@ -88,7 +88,7 @@ def test_meshes_outside_the_history_are_released(session, tmp_path, monkeypatch)
         seen.add(session.surface().mesh)
         session.saves.record(session.document, Origin.of(tmp_path / f"{number}.abfm"))
     gc.collect()
-    assert len(seen) <= 5 + 2  # those of undo, the current mesh, and the latest computation
+    assert len(seen) <= 5 + 2  # those of undo, and two: the current mesh and the latest computation
 
 
 def test_unsaved_results_outside_the_history_are_kept(session, monkeypatch):
@@ -120,7 +120,7 @@ def test_memory_of_the_history_is_bounded(session, monkeypatch):
 
 
 def test_the_latest_step_can_always_be_undone(session, monkeypatch):
-    """Even if it exceeds the limit of memory."""
+    """The latest step can be undone even if it exceeds the memory limit of the history."""
     monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 0)
     start = session.document
     found = matched(session).result

@@ -27,7 +27,7 @@ def go(session, step):
 
 
 def test_step_replaces_the_result_until_undo(walked):
-    """Undo also restores the solver's choice."""
+    """The chosen step replaces the result; undo restores the step that the solver chose."""
     found, steps = walked.result, walked.steps
     go(walked, 0)
     assert walked.result.residual == found.path[0].residual
@@ -40,7 +40,7 @@ def test_step_replaces_the_result_until_undo(walked):
     assert steps.solver_step == 2
     walked.undo()
     assert (walked.result.step, steps.solver_step) == (0, 2)
-    steps.show(7)  # the last one there is, taken from the history with all its facts
+    steps.show(7)  # the last step, taken from the history with its facts
     assert walked.result is found
     assert walked.document.solver_step is None
     walked.undo()

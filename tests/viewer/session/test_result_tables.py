@@ -39,7 +39,7 @@ def test_functions_of_a_row_have_the_names_of_the_table(tmp_path):
         "one": "curvature:mean",
         "two": "file:b.npy",
     }
-    two = replace(row, texts=(*texts, *texts))  # of another number of channels
+    two = replace(row, texts=(*texts, *texts))  # a row with another number of channels
     assert two.label_document(opened).display_names == {}
 
 
@@ -54,17 +54,14 @@ def test_search_finds_a_phrase_or_all_words():
         return sorted(row.number for row in table.shown("verdict", False, search))
 
     assert found("") == found("  ") == [0, 1, 2, 3]
-    assert (
-        found("sigma 0.02") == found(" Sigma  0.02 ") == [0, 2]
-    )  # not rows with 0.021 in their reason
+    # rows that have 0.021 in their reason do not match
+    assert found("sigma 0.02") == found(" Sigma  0.02 ") == [0, 2]
     assert found("alpha 0.1, sigma 0.1") == [3]
     assert found("0.02 alpha") == found("matched sigma") == [0, 1, 2, 3]
     assert found("sigma 0.3") == []
 
 
 class _Population:
-    """The attributes of a population that a document needs."""
-
     def __init__(self):
         self.template = icosphere(1)
         count = len(self.template.vertices)

@@ -24,7 +24,6 @@ def sequence_session(session):
 
 
 def export(sequence_session, path):
-    """Export a sequence as the tab Export does."""
     reports = []
     exporter = Exporter(lambda text, failed: reports.append((text, failed)))
     document, saves = sequence_session.document, sequence_session.saves
@@ -34,7 +33,7 @@ def export(sequence_session, path):
 
 
 def test_exported_sequence_file_counts_as_saved(sequence_session, tmp_path):
-    """Other formats contain less."""
+    """A sequence exported as .npz counts as saved; other formats, which contain less, do not."""
     export(sequence_session, tmp_path / "sequence-lh.stc")
     assert sequence_session.saves.unsaved
     export(sequence_session, tmp_path / "sequence.npz")

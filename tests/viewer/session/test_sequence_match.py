@@ -80,7 +80,7 @@ def kill(match, folder, last=None):
 
 
 def test_next_run_resumes_from_a_failed_one(match, complete, tmp_path, monkeypatch):
-    """A killed process is started again and resumes."""
+    """A killed process is started again; if the run fails, the next run resumes."""
     monkeypatch.setattr(sequence_match, "_TRIES", 2)
     match.begin(DOCUMENT)
     kill(match, tmp_path, kill(match, tmp_path))
@@ -159,7 +159,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
         field = long_sequence.sequence_match.field(long_sequence.document, interval)
         assert (field is not None) == is_found == bool(first.velocity[interval].any())
     check_names(text, "cancelled", count, 119)
-    second, text = cancelled(long_sequence, found(count))  # it resumes
+    second, text = cancelled(long_sequence, found(count))  # the run resumes
     now = int(second.solved.sum())
     assert now > count
     check_names(text, "cancelled", now, 119, count)
@@ -167,7 +167,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
     assert long_sequence.document.result is first
     long_sequence.redo()
     assert long_sequence.document.result is second
-    long_sequence.editor.set_sequence_settings(alpha=2.0)  # with which nothing was found
+    long_sequence.editor.set_sequence_settings(alpha=2.0)  # settings without a result
     third, text = cancelled(long_sequence, lambda session: session.solver.running)
     again = 0 if third is second else int(third.solved.sum())
     assert again < now
@@ -175,7 +175,7 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
 
 
 def test_chosen_settings_are_shown_and_stay_automatic(session):
-    """Held-out data choose the norm and sigma."""
+    """Held-out data choose the norm and sigma, which stay automatic in the settings."""
     few = replace(DOCUMENT.sequence, frames=check_frames(SPHERE, FRAMES[:5], None, None, None))
     session.restore(replace(DOCUMENT, sequence=few, settings=SequenceSettings()), {}, None)
     session.match()

@@ -23,7 +23,6 @@ TORUS = torus(24, 12)
 
 @pytest.fixture
 def fresh():
-    """Return a session without functions."""
     session = Session(SPHERE, "sphere")
     yield session
     session.close()
@@ -74,7 +73,7 @@ def test_invalid_masks_and_extreme_functions_are_refused(session):
 
 
 def test_new_mesh_starts_with_default_parameters_and_view(fresh):
-    """Parameters and view of the previous document, such as a figure, are not kept."""
+    """Parameters and view of the previous document, such as a figure's, are not kept."""
     wanted = replace(fresh.view, theme="dark", error=True, streaks=True, part="commuting")
     fresh.editor.amend(parameters=Parameters(sigma=0.5, tau=2.0), view=wanted)
     fresh.set_mesh(TORUS, "torus")
@@ -127,7 +126,7 @@ def test_changes_that_make_a_result_outdated(session, monkeypatch):
         assert not session.outdated
     session.set_time(0.2)
     session.editor.set_view("darken", theme="dark")
-    session.editor.set_spec("source", PAIR.source + " ")  # an equal spec
+    session.editor.set_spec("source", PAIR.source + " ")  # an equal spec changes nothing
     ready(session)
     assert not session.outdated
     monkeypatch.setattr(np, "array_equal", lambda *_: pytest.fail("asking compares in each frame"))
@@ -172,16 +171,16 @@ def test_notices_disappear(session, monkeypatch):
     assert after(7).is_error
     assert after(6).text == ""
     session.notices.show("it failed", is_error=True)
-    session.editor.set_parameter(alpha=0.3)  # the next action
+    session.editor.set_parameter(alpha=0.3)  # the next action removes it
     assert after(0).text == ""
-    for number in range(1000):  # messages that nobody reads do not pile up
+    for number in range(1000):  # unread messages do not accumulate
         session.notices.show(f"problem {number}", is_error=True)
     assert len(session.notices.cards) <= 50
     assert session.notices.cards[0].text == "problem 999"
 
 
 def test_channels_without_weight_prevent_a_match(session):
-    """After a removal the remaining channels have weights."""
+    """A match needs a channel with weight; if a removal leaves only weights of 0, they become 1."""
     session.editor.amend(channels=(replace(session.active, weight=0.0),))
     check_message(session.obstacle, 0)
     session.editor.amend(channels=(PAIR,))
@@ -221,7 +220,7 @@ def test_undo_and_redo_reach_both_ends_of_the_history(editor):
         editor.redo()
     assert editor.document.time == 3
     assert (editor.undo_label, editor.redo_label) == ("move to 3", "")
-    for number in range(UNDO_STEPS_MAX + 10):  # of which only the latest are kept
+    for number in range(UNDO_STEPS_MAX + 10):  # only the latest steps are stored
         move(editor, number + 1)
     for _ in range(UNDO_STEPS_MAX + 10):
         editor.undo()
@@ -230,7 +229,7 @@ def test_undo_and_redo_reach_both_ends_of_the_history(editor):
 
 @pytest.mark.parametrize("between", ["seal", "undo and redo", "another step"])
 def test_actions_between_two_drags_separate_their_steps(editor, between):
-    editor.seal()  # nothing to seal yet
+    editor.seal()  # without a step this has no effect
     move(editor, 0.1, "time")
     if between == "seal":
         editor.seal()
@@ -247,7 +246,7 @@ def test_actions_between_two_drags_separate_their_steps(editor, between):
 
 
 def test_drag_is_one_step_and_amending_is_none(editor):
-    """A change clears the redo steps."""
+    """A drag is one step of undo, amending is none, and any change clears the redo steps."""
     start = editor.document
     for moment in (0.1, 0.2, 0.3):
         move(editor, moment, "time")
@@ -267,7 +266,7 @@ def test_drag_is_one_step_and_amending_is_none(editor):
 
 
 def test_undo_keeps_the_viewpoint(editor):
-    """Unless the step changed it."""
+    """Undo keeps the viewpoint, unless the undone step changed it."""
     front, side, above = (Viewpoint(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
     move(editor, 1)
     editor.document = look(editor, viewpoint=front, enlarged="source")
@@ -331,7 +330,7 @@ def test_once_stops_at_the_end_and_plays_again_from_the_start():
 
 
 def test_loop_never_leaves_its_range():
-    """For any frame and time."""
+    """In a loop, times stay between 0 and tau for any frame duration."""
     times = played(playing("loop"), 0.0, 3 * SECONDS)
     assert min(times) == 0
     assert max(times) <= TAU
@@ -341,7 +340,7 @@ def test_loop_never_leaves_its_range():
 
 
 def test_ping_pong_reverses_at_both_ends():
-    """Another mode goes forward again."""
+    """Ping-pong plays back and forth; changed to another mode it plays forward."""
     player = playing("ping-pong")
     times = played(player, 0.0, 3 * SECONDS)
     assert (times.count(TAU), times.count(0.0)) == (1, 2)
@@ -355,7 +354,7 @@ def test_ping_pong_reverses_at_both_ends():
 
 
 def test_constant_target_is_reported_before_the_match(session):
-    """It is not rescaled."""
+    """A constant target is reported as impossible before a match, and is not rescaled."""
     session.editor.set_spec("target", "expression:2")
     ready(session)
     until(lambda: session.work.expected_facts, session)

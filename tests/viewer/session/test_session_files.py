@@ -58,7 +58,7 @@ def results(desk):
 
 
 def test_opened_result_has_its_functions(desk, tmp_path):
-    """It is not outdated."""
+    """An opened result shows its functions and mask, and is not outdated."""
     session = desk.session
     f = np.stack([session.values("source"), session.values("target")], axis=1)
     mesh, mask, back = session.surface().mesh, np.linspace(0.5, 1, len(f)), f[:, ::-1].copy()
@@ -96,7 +96,7 @@ def test_functions_given_as_text_open_as_text(desk, tmp_path):
 
 
 def test_save_writes_the_file_of_the_current_document(desk, tmp_path):
-    """Also after undo returned to another document."""
+    """Save writes the file of the current document, also after undo to another document."""
     session = desk.session
     session.editor.set_parameter(alpha=3)
     for name in ("first", "second"):
@@ -125,7 +125,7 @@ def test_save_writes_the_file_of_the_current_document(desk, tmp_path):
     ],
 )
 def test_files_that_cannot_be_opened_change_nothing(desk, tmp_path, name, content, named):
-    """The error is one line."""
+    """A file that cannot be opened has an error of one line and changes nothing."""
     if content is not None:
         (tmp_path / name).write_bytes(content)
     was = desk.session.document
@@ -139,7 +139,7 @@ def test_files_that_cannot_be_opened_change_nothing(desk, tmp_path, name, conten
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])
 def test_inconsistent_result_is_recomputed_on_opening(solved, tmp_path, suffix):
-    """A card reports it."""
+    """A card reports that numbers of a result were recomputed."""
     found, path = solved.session.result, tmp_path / f"cheat.{suffix}"
     cheat = replace(found, fine_velocity=0 * found.velocity)
     solved.session.editor.amend(result=cheat)
@@ -177,7 +177,7 @@ def test_saves_are_written_in_order_and_reported(desk, tmp_path, monkeypatch):
 
 
 def test_files_are_complete_when_the_program_ends(tmp_path):
-    """Even if the session is not closed."""
+    """Files are complete even if the program ends without closing the session."""
     code = """if True:
         import sys, time
         from pathlib import Path
@@ -236,14 +236,14 @@ def frames_of(desk):
 
 @pytest.mark.parametrize("name", ["f.npz", "f.txt", "f.gii"])
 def test_every_file_of_frames_opens(desk, tmp_path, name):
-    """Alone, dropped with its mesh, and from the command line."""
+    """Frames open alone, dropped with their mesh, and from the command line."""
     mesh, path = desk.session.surface().mesh, tmp_path / name
     frames = np.float32(np.random.default_rng(3).normal(size=(3, len(mesh.vertices))))
     if name.endswith(".gii"):
         arrays = [nibabel.gifti.GiftiDataArray(frame) for frame in frames]
         nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
     elif name.endswith(".npz"):
-        # with names that abfm also uses
+        # other arrays have names that abfm also uses
         others = {"vertices": mesh.vertices, "velocity": frames}
         np.savez(path, frames=frames, times=[0, 0.5, 1], **others)
     else:
@@ -304,10 +304,10 @@ def test_result_of_a_closed_document_stays_unsaved(solved, small, tmp_path):
 
 
 def test_changes_of_other_documents_are_unsaved(desk, small):
-    """They are listed in the order in which the documents were closed."""
+    """Unsaved documents are listed in the order in which they were closed."""
     desk.session.editor.set_parameter(alpha=3)
     desk.open(small)
-    for step in range(300):  # more than undo goes back
+    for step in range(300):  # more steps than undo stores
         desk.session.editor.set_parameter(alpha=4 + step / 100)
     assert names(desk) == ["small.off", "sphere.off"]
     desk.open(small)
@@ -319,7 +319,7 @@ def test_documents_closed_by_undo_and_redo_are_unsaved(desk, small):
     desk.session.editor.set_parameter(alpha=3)
     for _ in range(2):
         desk.session.undo()
-    assert names(desk) == []  # the change was also undone
+    assert names(desk) == []  # undo also reverted the change
     for _ in range(2):
         desk.session.redo()
     assert names(desk) == ["small.off"]
@@ -332,7 +332,7 @@ def test_documents_closed_by_undo_and_redo_are_unsaved(desk, small):
 
 
 def test_undone_result_is_unsaved(solved, tmp_path):
-    """Until another state is saved."""
+    """A result that was undone is unsaved until another state is saved."""
     session, found = solved.session, solved.session.result
     session.undo()
     session.editor.amend(parameters=Parameters())
@@ -351,7 +351,7 @@ def test_save_does_not_cover_a_later_result(solved, small, tmp_path):
 
 
 def test_opening_during_a_run_needs_a_confirmation(desk, small, tmp_path):
-    """Refused files need none."""
+    """A valid file needs a confirmation; an invalid one is refused without."""
     session = desk.session
     session.editor.amend(parameters=ENDLESS)
     solving(session)
@@ -482,7 +482,7 @@ def test_repeated_request_is_read_once(loading, slow):
         loading.cancel()
         begin(loading, slow, "a file", waits=False)
     slow.may_end.set()
-    for count in (1, 2):  # an ended request is read again
+    for count in (1, 2):  # after its end, a request is read again
         finish(loading)
         assert (slow.started, slow.shown) == (count, count)
         begin(loading, slow, "a file")
@@ -518,7 +518,7 @@ def test_closing_does_not_wait_for_cancelled_requests(jobs, loading, slow):
 
 
 def test_project_of_landmarks_is_consistent_with_its_field(tmp_path):
-    """Opening computes the stored numbers again, also across thin triangles."""
+    """Numbers computed again on opening agree, also if flow lines cross thin triangles."""
     mesh = with_thin_triangles(icosphere(2))
     pairs = np.random.default_rng(3).choice(162, (4, 2), replace=False)
     found = match(Problem(mesh, None, None, landmarks=pairs))

@@ -48,7 +48,7 @@ def test_result_belongs_to_its_initial_map(pair):
     pair.undo()
     until(lambda: not pair.outdated, pair)
     assert pair.document.complete_result.points.domain is B
-    pair.editor.change("change the initial map", initial="sphere")  # which an egg is not
+    pair.editor.change("change the initial map", initial="sphere")  # an egg is not a sphere
     until(lambda: "not a sphere" in pair.obstacle, pair)
     pair.match()
     assert pair.notices.latest.is_error
@@ -108,7 +108,7 @@ def registered(pair):
 
 
 def test_distortion_of_the_initial_map_is_only_reported(registered):
-    """A bound that the initial map exceeds is only reported."""
+    """An initial map beyond the bound of distortion is reported, but the match begins."""
     before = registered.result
     registered.bound.maximum = 0.05
     registered.bound.start()
@@ -131,7 +131,7 @@ def test_run_with_an_earlier_map_belongs_to_its_landmarks(pair, held):
     pair.update()
     spec = pair.work.problem
     assert len(spec.landmarks) == 1
-    assert spec.initial.request.landmarks == ()  # so that its result is outdated
+    assert spec.initial.request.landmarks == ()  # the result of the run is outdated
     assert not spec.initial.is_for(pair.document)
     may_end.set()
     ready(pair)

@@ -81,13 +81,13 @@ def test_length_of_style_scales_all_arrows():
 
 
 def test_places_do_not_depend_on_the_field():
-    """The arrows turn and scale with the mesh."""
+    """Places depend on the mesh only; the arrows turn and scale with it."""
     one, other = (
         arrows_of(BALL, rotation(BALL, axis), STYLE).spines[:, 1]
         for axis in ((0, 0, 1.0), (1, 0, 0))
     )
     both = cdist(one, other).min(axis=1) == 0
-    assert both.mean() > 0.9  # the others are where one of the fields is slow
+    assert both.mean() > 0.9  # other places have an arrow of one field, the other field being slow
     again = arrows_of(BALL, rotation(BALL), STYLE)
     np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), STYLE).vertices)
     turn = axes(3)
@@ -166,7 +166,7 @@ def test_arrows_are_complete_or_absent_at_outlines(tilt):
     assert ((arrows.normals @ eye.axes[2]) > 0.29)[is_there].all()
     places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
     assert are_hidden(places, normals, eye.axes).mean() < 0.002
-    # and omitted arrows would be cut, or are near an outline
+    # omitted arrows would be cut, or are near an outline
     omitted = ~is_there & (arrows.facing(eye) > 0.35)
     places, normals = (x[omitted] for x in (arrows.vertices, arrows.normals))
     assert len(places) > 3
@@ -207,11 +207,11 @@ def test_spacing_in_pixels_does_not_depend_on_size():
 
 
 def test_eye_sees_more_arrows_than_without_one():
-    """Every place has an arrow nearby."""
+    """With an eye there are more arrows, and every visible place has one nearby."""
     whole, style = np.zeros(2), ArrowStyle(1.0, 0.12, fast=1e-9)
     for seed in range(3):
         eye = Eye(axes(seed))
-        for way in eye.axes:  # all arrows are of the full length
+        for way in eye.axes:  # all arrows have the full length
             for k, own in enumerate((None, eye)):
                 arrows = arrows_of(LIMBS, rotation(LIMBS, way), style, own)
                 whole[k] += (~arrows.hidden(eye)).sum()
@@ -250,4 +250,4 @@ def test_arrow_does_not_bend_around_a_sharp_edge():
     arrows = arrows_of(mesh, rotation(mesh), ArrowStyle(1.0, 0.13), Eye(axes(5)))
     cosines = np.einsum("amx,anx->amn", arrows.normals, arrows.normals)
     assert len(arrows.spines)
-    assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of the middle
+    assert cosines.min() > 2 * 0.6**2 - 1  # both ends are within one angle of the middle

@@ -50,7 +50,7 @@ def texture(shown):
 
     def is_final():
         nonlocal found
-        # the computation may have ended since the request
+        # the computation may have ended after the request
         before, was_busy = found, shown.flow.busy or shown.quantities.busy
         found = shown.quantities.texture(shown.flow.advected(), colors_of(shown.session))
         is_busy = was_busy or shown.flow.busy or shown.quantities.busy
@@ -92,7 +92,7 @@ def test_pending_computations_are_named(session, shown, held):
 
 
 def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions):
-    """It is played without streaks until they are computed."""
+    """Streaks are computed once for each interval; until then it is played without."""
     document = document_of_sequence(solved(), Path("frames.npz"))
     session.restore(document, {}, None)
     session.editor.set_view("show", streaks=True)
@@ -131,7 +131,7 @@ def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions
 
 
 def test_streaks_darken_colors_of_the_function(session, shown):
-    """Without a function they are grey."""
+    """Streaks darken the function's colours by at most SHADE; without values they are grey."""
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)
     white = np.ones((atlas.size, atlas.size), dtype=np.float32)
@@ -158,7 +158,7 @@ def test_streaks_darken_colors_of_the_function(session, shown):
 
 
 def test_moving_streaks_are_periodic(session, shown, convolutions):
-    """They are computed once."""
+    """Moving streaks are computed once, and the last phase leads evenly to the first one."""
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
@@ -250,7 +250,7 @@ def test_missing_commuting_field_has_a_reason(session, shown, monkeypatch):
 
 
 def test_earlier_field_is_shown_again_at_once(session, shown, held):
-    """The user returns to it while another field is computed."""
+    """An earlier field is shown at once while another one is computed."""
     begun, may_end = held(
         quantities_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
@@ -272,7 +272,7 @@ def test_earlier_field_is_shown_again_at_once(session, shown, held):
 
 
 def test_unit_of_speed_of_a_sequence():
-    """It is that of the mesh, unless the numbers exceed single precision."""
+    """Speeds are in the mesh's unit per second; beyond single precision, in sqrt(area)."""
     mesh, unit = icosphere(1), "the mesh's unit per second"
     velocity = np.ones((len(mesh.faces), 3))
     speed = np.linalg.norm(velocity, axis=1)

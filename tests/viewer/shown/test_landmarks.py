@@ -10,7 +10,7 @@ from abfm_viewer.shown.landmarks import LandmarkPoints
 from tests.shapes import icosphere, torus
 
 SPHERE, RING = icosphere(3), torus(60, 30)
-FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, and towards the viewer
+FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # axes right, up, and towards the viewer
 FROM_Z = np.eye(3)
 
 

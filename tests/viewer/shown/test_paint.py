@@ -56,7 +56,7 @@ def test_surfaces_have_the_order_of_the_flow(session, view, names):
 
 
 def test_finer_mesh_is_shown_on_request(session, painter):
-    """The mesh itself has the first values of it, at any time."""
+    """The first values on the finer mesh are those of the mesh itself, at any time."""
     fine = subdivided(SPHERE)
     problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
     field = 0.3 * wavy_field(fine, 0)[None]
@@ -94,7 +94,7 @@ def test_functions_share_one_color_range(session, painter):
     assert {paint.bar for paint in paints} == {"function"}
     low = min(session.values(side).min() for side in ("source", "target"))
     high = max(session.values(side).max() for side in ("source", "target"))
-    assert 0 < low < 1e-6  # so the range begins at 0
+    assert 0 < low < 1e-6  # non-negative functions have a range from 0
     assert {(paint.colors.low, paint.colors.high) for paint in paints} == {(0.0, high)}
     set_source(session, "eigenfunction:2")
     colors = painter.paint("source").colors
@@ -162,7 +162,7 @@ def test_transport_shows_earlier_time_meanwhile(session, held, shown, painter):
 
 
 def test_transport_of_negative_functions_has_a_note(session, shown, painter):
-    """There is a note, or no transport."""
+    """Small negative values count as 0 with a note; other functions have no transport."""
     show(session, transport=True)
     set_source(session, "eigenfunction:2")
     paint = settled_transport(shown, painter)
@@ -199,7 +199,7 @@ def test_coordinates_are_shown_as_colors(session, shown):
 
 
 def test_side_without_values_is_grey(session, painter):
-    """The other side stays."""
+    """A side without values is grey, and the other side keeps its colours."""
     target = painter.paint("target").values
     session.editor.set_spec("source", "eigenfunction:100000")
     until(lambda: session.work.error("source"), session)
@@ -207,7 +207,7 @@ def test_side_without_values_is_grey(session, painter):
     assert paint.title == "source: no values"
     assert paint.colors is None
     assert np.ptp(paint.values) == 0
-    assert painter.paint("target") is None  # stays, because no range is known
+    assert painter.paint("target") is None  # unchanged, because no range is known
     session.undo()
     ready(session)
     assert painter.paint("source").title == "source"
@@ -215,7 +215,7 @@ def test_side_without_values_is_grey(session, painter):
 
 
 def test_speed_has_a_unit_of_the_mesh(session, painter):
-    """So that single precision can show it for meshes in any unit."""
+    """Speeds are in sqrt(area), so that single precision fits meshes in any unit."""
     show(session, coloring="speed")
     until(lambda: painter.paint("advected").kind == "face values", session)
     found, speed = painter.paint("advected"), np.linalg.norm(session.result.velocity[0], axis=1)
@@ -240,7 +240,7 @@ def test_speed_colors_do_not_depend_on_mesh_size(scale):
 
 
 def test_few_bad_faces_do_not_set_the_range():
-    """Neither do many slivers; the range is that of most of the area."""
+    """The range is the 95th percentile by area, so neither few faces nor slivers change it."""
     values, areas = np.linspace(0, 1, 1000), np.ones(1000)
     values[::50] = 20
     assert _percentile_95(values, areas) == pytest.approx(0.97, abs=0.01)

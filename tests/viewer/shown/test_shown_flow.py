@@ -56,7 +56,7 @@ def distance(a, b):
 
 
 def test_span_is_exact_at_tau(match, state, source):
-    """It is nearly exact in between."""
+    """At computed times a span is exact to 1e-6, in between to 2e-3."""
     over = span(state, source)
     assert over.note == ""
     assert (over.times[0], over.times[-1]) == (0, 2)
@@ -71,7 +71,7 @@ def test_span_ends_at_tau_if_the_flow_overflows(match, source):
     over = span(Limited(SPHERE, match.velocity, match.parameters), source)
     assert over.times[-1] == 1
     check_message(over.note)
-    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last time of the span
+    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the span ends here
 
 
 def test_too_fast_flow_is_an_error(match, source, at_shown_time, jobs):
@@ -83,7 +83,7 @@ def test_too_fast_flow_is_an_error(match, source, at_shown_time, jobs):
 
 
 def test_settled_time_is_exact(match, state, source, at_shown_time, jobs, held):
-    """Time 0 needs no computation, and a moving time shows blends."""
+    """A settled time is exact, a moving one shows blends, and time 0 needs no computation."""
     _, may_end = held(FlowState, "advect")
     assert at_shown_time.at(state, source, 0.0, settled=True) is source
     assert not jobs.busy
@@ -103,7 +103,7 @@ def test_old_flow_is_shown_until_the_new_one_is_ready(match, state, source, at_s
     assert distance(at_shown_time.at(faster, source, 0.5, settled=False), match.advect(0.5)) < 2e-3
     until(lambda: not jobs.busy)
     assert distance(at_shown_time.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
-    # of another shape: nothing to show
+    # an array of another shape cannot be shown meanwhile
     assert at_shown_time.at(faster, SPHERE.vertices, 0.5, settled=False) is None
 
 
@@ -122,7 +122,6 @@ def test_field_is_read_when_first_needed():
 
 
 def settle(shown, of_flow=lambda flow: flow.advected()):
-    """Wait until all computations are done, and return the result."""
     flow = shown.flow
     until(lambda: (of_flow(flow), flow.settled and not flow.busy)[1], shown.session)
     return of_flow(flow)
@@ -133,7 +132,7 @@ def advected(shown, time):
 
 
 def test_outdated_result_is_not_shown(session, shown):
-    """The source is advected along the present flow instead."""
+    """The source is advected along the present flow, not taken from an outdated result."""
     session.editor.set_spec("source", "coordinate:x")
     ready(session)
     sleep(0.2)
@@ -153,7 +152,7 @@ def test_new_channel_is_advected_by_the_field_of_the_run(endless, watched):
 
 
 def test_run_shows_newest_picture_at_tau(endless, watched):
-    """At other times the flow is computed."""
+    """At tau the newest picture is shown; at other times the flow is computed."""
     shown = watched(endless)
     solving(endless)
     hold(endless)
@@ -168,12 +167,12 @@ def test_run_shows_newest_picture_at_tau(endless, watched):
 
     endless.solver.resume()
     until(lambda: endless.matching.snapshot.iteration.iteration > iterate.iteration + 30, endless)
-    # the span is computed
+    # the new span
     until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 
 
 def test_end_of_a_match_is_shown(session, shown):
-    """A change of tau keeps the position on the time bar."""
+    """After a match tau is shown; a change of tau keeps the position on the time bar."""
     np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
     session.set_time(0.5)
     session.editor.set_parameter(tau=2.0)
@@ -183,7 +182,7 @@ def test_end_of_a_match_is_shown(session, shown):
 
 
 def test_settled_time_is_exact_after_a_match(watched):
-    """Also if the flow was shown before the match ended."""
+    """Times are exact after a match even if the flow was shown before it ended."""
     session = opened()
     try:
         shown = watched(session)
@@ -225,7 +224,7 @@ def test_outdated_surface_is_marked(session, shown, held):
 
 def test_playback_waits_until_all_times_are_known(session, shown):
     session.set_time(0.0)
-    assert not shown.is_ready  # also requested at time 0
+    assert not shown.is_ready  # also at time 0
     until(lambda: shown.is_ready, session)
     session.set_time(0.5)
     assert not np.array_equal(shown.flow.advected(), session.values("source"))
@@ -263,7 +262,7 @@ def test_distortion_is_exact_at_a_settled_time(session, shown, monkeypatch):
 
     def is_settled():
         settled = shown.flow.settled
-        quantities.distortion()  # requested after the time is settled
+        quantities.distortion()  # requested only after the time is settled
         return settled and not quantities.busy
 
     for time in (0.7, 0.4):

@@ -70,7 +70,6 @@ class RealWindow:
         self.xdotool("mouseup", 1)
 
     def type(self, label, text, within="", enter=True):
-        """Replace the text of a box."""
         self.click(label, "box", within)
         self.key("ctrl", "a")
         self.xdotool("type", "--delay", 40, text)

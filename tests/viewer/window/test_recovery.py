@@ -44,7 +44,7 @@ def test_run_of_a_later_mesh_is_copied(desk, copies, tmp_path):
 
 
 def test_copy_of_a_run_opens_after_another_step(desk, copies):
-    """Another step of the earlier result was shown when the run began."""
+    """A run that began while another step was shown has a copy that opens."""
     session = desk.session
     other = stepped(matched(session).result).at_step(0)
     session.editor.amend(result=other, solver_step=2, parameters=ENDLESS)
@@ -66,7 +66,7 @@ def test_copies_survive_the_end_of_the_process(desk, copies, monkeypatch):
     monkeypatch.setattr(session.matching, "unfinished", unfinished)
     session.editor.amend(parameters=ENDLESS)
     session.match()
-    # the first copy was written, or its problem reported
+    # until the first copy is written, or its problem reported
     until(lambda: copies() is not None and len(snapshots) > 1, session)
     assert session.notices.cards == ()
     assert copies()

@@ -101,12 +101,12 @@ def type_into_boxes(gui):
     gui.key("ctrl+o")
     gui.frames(3)
     gui.click("folder")
-    gui.key("esc")  # leaves the box first
+    gui.key("esc")  # the first press leaves the box
     assert gui.window.dialogs.is_open
     gui.key("esc")
     assert not gui.window.dialogs.is_open
     gui.key("ctrl+q")
-    assert gui.window.closing  # at once, because everything is saved
+    assert gui.window.closing  # without a question, as everything is saved
 
 
 # Dialogs
@@ -165,7 +165,7 @@ def fail_after_a_dialog(gui, mesh_file, capsys):
 
 
 def test_preferences_are_stored(state, launched):
-    """Invalid ones are ignored."""
+    """Preferences are stored, and invalid ones are ignored."""
     with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
@@ -273,7 +273,7 @@ def test_bad_arguments_exit_with_status_2(words, named, capsys):
 
 
 def test_window_has_its_own_sizes(launched):
-    """They do not depend on the sizes that an earlier window left in ImGui."""
+    """Widgets have the same places although an earlier window changed ImGui's font scale."""
 
     def places():
         with launched() as gui:
@@ -306,7 +306,7 @@ for moment, iterations in (("solver", 100_000), ("streaks", 10)):
 
 
 def test_closing_during_work_leaves_nothing_behind(tmp_path):
-    """While the solver runs, and while streaks are computed."""
+    """No output or error appears if the window closes during a run or during streaks."""
     done = python(_CLOSED, str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
@@ -331,7 +331,7 @@ sys.exit(status)
 
 @pytest.mark.parametrize(("words", "name"), [("", "a.off"), ("['b.off']", "b.off")])
 def test_program_ends_after_cleanup(words, name):
-    """A caller of `main` continues."""
+    """A caller of `main` continues after the cleanup."""
     done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
@@ -354,7 +354,7 @@ for module in (exponential, coarsening, optimizer, line_integral, texture_atlas)
 
 
 def test_kernels_are_compiled_before_the_first_match():
-    """In a separate process, in which nothing else has compiled them."""
+    """In a fresh process, the kernels of a match are compiled before it begins."""
     done = python(_COUNT_COMPILED, check=True)
     compiled = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
     assert len(compiled) == 5
