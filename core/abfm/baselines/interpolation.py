@@ -24,8 +24,8 @@ _HEAT_MIN = 1e-150  # squares and quotients of smaller densities underflow
 _EXPONENT_MAX = 64.0
 _WIDTH_MAX = 1e3
 _STEPS_MAX = 10_000
-_NEGATIVE_SHARE_MAX = 0.01  # of the largest value: tolerance for negative values
-_TIME_MAX = 1e100  # of a blend, relative to tau
+_NEGATIVE_SHARE_MAX = 0.01  # tolerance for negative values, relative to the largest value
+_TIME_MAX = 1e100  # largest time of a blend, relative to tau
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
@@ -144,7 +144,7 @@ def optimal_transport(
 def _barycentre(
     heat: HeatKernel, densities: list[FloatArray], t: float, bound: float
 ) -> FloatArray:
-    """Return the barycentre with weights 1 - t and t, by iterated Bregman projections (alg. 2)."""
+    """Return the barycentre with weights 1 - t and t, by Bregman projections (algorithm 2)."""
     areas, tiny = heat.areas, np.finfo(np.float64).tiny
     scalings = [np.ones_like(density) for density in densities]
     found = np.zeros_like(densities[0])
@@ -164,7 +164,10 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Return the smallest power, from 1 on, with at most the entropy ``bound`` (algorithm 3)."""
+    """Return the smallest power of a density, from 1 on, with at most the entropy ``bound``.
+
+    This is algorithm 3.
+    """
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent

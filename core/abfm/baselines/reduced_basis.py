@@ -37,7 +37,7 @@ from abfm.parameters import Parameters
 from abfm.types import FloatArray
 
 _MEMORY = 30  # pairs stored by L-BFGS
-_ITERATIONS_MAX = 150  # of L-BFGS
+_ITERATIONS_MAX = 150  # L-BFGS iterations
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,21 +55,11 @@ class ReducedEnergy:
 
     The energy of coefficients a is
     ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``.
-    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    start, target : (k, m) arrays
-        Functional maps to the mesh, in its first k eigenfunctions.
-    parameters : Parameters
-    fields : int
-        Number of gradients, and of rotated gradients, in the basis.
-
-    Raises
-    ------
-    AbfmError
-        If the functional maps or the number of fields are invalid.
+    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
+    gradients, and as many rotated gradients. ``start`` and ``target`` (k, m) are functional maps to
+    the
+    mesh, in its first k eigenfunctions. AbfmError if these maps or the number of fields are
+    invalid.
     """
 
     def __init__(

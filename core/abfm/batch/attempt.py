@@ -35,18 +35,16 @@ class Computation(Protocol):
     def files(self) -> list[str]:
         """Return the absolute names of the files that it reads, whether they exist or not."""
 
-    def relocated(self, places: Mapping[str, str]) -> Self:
-        """Return the same computation with new paths of its files, by their absolute names."""
+    def relocated(self, places: Mapping[str, str]) -> Self: ...
 
-    def compute(self) -> object:
-        """Return the result."""
+    def compute(self) -> object: ...
 
 
 @dataclass(frozen=True)
 class WorkItem:
     """A row to solve and the folder for its result, or a computation.
 
-    The folder is recognized by the text in its file ``identity``.
+    The text in the file ``identity`` of the folder identifies it.
     """
 
     row: Row | Computation
@@ -64,7 +62,7 @@ class Answer:
 
     record: Record = Record()
     result: bytes | None = None  # content of the result file, if the folder is not accessible
-    value: Any = None  # of a computation
+    value: Any = None  # result of a computation
     needs_contents: bool = False  # files are not accessible; send their contents with the item
 
 
@@ -96,9 +94,9 @@ class Cost:
 def attempt(item: WorkItem) -> Answer:
     """Solve a row and write its result unless it exists; return failures as answers.
 
-    If the folder is accessible, also write the record of the row.
-
-    CancelledError if the control of this thread was cancelled.
+    If the folder is accessible, also write the record of the row. CancelledError if the control of
+    this
+    thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)
@@ -186,9 +184,9 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
 
 
 def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
-    """Report a row that no flow can match before it is solved, as a step and in the ledger.
+    """Report a row that no flow can match before it is solved, which may take long.
 
-    Solving such a row may take long.
+    The report is a step and a record in the ledger.
     """
     facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:

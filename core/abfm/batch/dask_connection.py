@@ -35,16 +35,9 @@ _SCHEDULER_FILE_BYTES_MAX = 64 << 20
 class DaskConnection:
     """A connection to the scheduler of a cluster, until it is closed.
 
-    Parameters
-    ----------
-    cluster : Cluster
-    control : Control
-        Cancels waiting for the scheduler by a `CancelledError`.
-
-    Raises
-    ------
-    AbfmError
-        If there is no such scheduler, or its cluster has no abfm or another version of it.
+    ``control`` cancels waiting for the scheduler by a `CancelledError`. AbfmError if there is no
+    such
+    scheduler, or its cluster has no abfm or another version of it.
     """
 
     def __init__(self, cluster: Cluster, control: Control) -> None:
@@ -110,7 +103,6 @@ def _close(client: Any) -> None:
 
 
 def _address_in(path: str | os.PathLike[str]) -> str:
-    """Return the address of the scheduler from its file."""
     name = one_line(path)
     if not os.path.isfile(path):
         raise ResultError(f"the scheduler file {name} does not exist")
@@ -130,7 +122,7 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 
 
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
-    """Connect to the scheduler, unless cancelled; this takes 30 seconds if there is no answer."""
+    """Connect to the scheduler, unless cancelled; without an answer it takes 30 seconds."""
     clients = SimpleQueue[Any]()
 
     def connect() -> None:
@@ -158,7 +150,10 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
 
 
 def _check_versions(client: Any) -> None:
-    """Refuse a cluster without abfm, where workers would end, or with another version."""
+    """Raise an error for a cluster with another version of abfm, or without abfm.
+
+    Workers without abfm would end.
+    """
     here, found = installed_version(), dict[str, Any]()
     try:
         found["the scheduler"] = client.run_on_scheduler(version, "abfm")

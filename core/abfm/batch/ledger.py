@@ -67,7 +67,7 @@ class LedgerEntry:
     row: Row
     state: RowState
     record: Record = field(default_factory=Record)
-    path: Path | None = None  # of the result; None unless the state is "done"
+    path: Path | None = None  # the result file; None unless the state is "done"
 
     @property
     def digest(self) -> str:
@@ -249,7 +249,7 @@ class Ledger:
 def _row_and_key(entry: Any) -> tuple[Row, str]:
     """Return a row and its key from an item that `Ledger.write_rows` wrote.
 
-    Raises ValueError if the item is damaged.
+    ValueError if the item is damaged.
     """
     try:
         name, folder, key = (entry[each] for each in ("name", "folder", "key"))

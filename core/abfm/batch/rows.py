@@ -251,12 +251,9 @@ def _checksum(path: str, size: int, changed: int) -> str:
 
 
 def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
-    """Return the file names that `apply` passes to its argument, and their companion files.
+    """Return the file names that a function renames, and their companion files.
 
-    Parameters
-    ----------
-    apply : callable
-        Takes a function that renames files, and calls it with each file name.
+    The function ``apply`` calls its argument with each file name.
     """
     found = dict[str, None]()
 
@@ -269,7 +266,7 @@ def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
 
 
 def with_companions(path: str) -> list[str]:
-    """Return a file and the files that its reader also opens."""
+    """Return a file and its companions, the files that its reader also opens."""
     low = path.lower()
     if low.endswith(".sym.vts"):
         return [path, *(each for each in [f"{path[:-8]}.vts"] if os.path.exists(each))]

@@ -162,7 +162,7 @@ class Workers:
     def _answers(
         self, items: deque[WorkItem], control: Control, submitted_max: int = CALLS_SUBMITTED_MAX
     ) -> Generator[tuple[WorkItem, Answer], None, None]:
-        """Yield each item with its answer, as soon as it is available, until cancelled."""
+        """Yield each item with its answer as soon as it is available, until cancelled."""
         unfinished = len(items)
 
         def is_wanted() -> bool:

@@ -23,7 +23,6 @@ _ROWS_MAX = 1_000_000
 
 
 def known_columns() -> dict[str, Input]:
-    """Return the columns of all types of tasks, by name."""
     inputs = {each.name: each for task in KINDS.values() for each in task.inputs}
     return {TASK.name: TASK, **inputs}
 
@@ -45,9 +44,9 @@ def read_table(path: str | os.PathLike[str]) -> list[Row]:
 
 
 def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> Read:
-    """Call `read` with the text of a table and the folder of its relative paths.
+    """Call `read` with the text of a table and the folder of its relative paths; return the result.
 
-    Return its result. A ParameterError names the table.
+    A ParameterError of `read` gets the name of the table.
     """
     name = one_line(path)
     try:
@@ -87,7 +86,7 @@ def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
 def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
     """Yield the cells of each nonempty line: the names of columns, then at most `rows_max` rows.
 
-    A ParameterError reports a row with more cells than columns.
+    ParameterError if a row has more cells than columns.
     """
     width = 0
     try:

@@ -26,13 +26,9 @@ def at_vertices(
 
     The rows of pandas objects are placed at vertices by their index, or by a column called vertex,
     node or index. An index 0, 1, 2, ... changes nothing. Vertices without a row become NaN. Columns
-    of Polars and Arrow and coordinates of xarray work in the same way.
-
-    Raises
-    ------
-    AbfmError
-        An ``error`` if the values are not real numbers, or if vertices are repeated or not on the
-        mesh.
+    of Polars and Arrow and coordinates of xarray work in the same way. An ``error`` is raised if
+    the
+    values are not real numbers, or if vertices are repeated or not on the mesh.
     """
     values = with_index(values)
     if not (has(values, "iloc", "index", "to_numpy") or has(values, "columns", "to_numpy")):
@@ -93,14 +89,14 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
 
 
 def constant_part(f: FloatArray) -> float:
-    """Return the middle of the range of values (V,) that vary little around it, otherwise 0."""
+    """Return the middle of the range of values (V,), or 0 if the range is more than 1% of it."""
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
     return middle if high - low < _RANGE_SHARE_MIN * abs(middle) else 0.0
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return values (V,) in which each unknown vertex has the mean of its neighbours."""
+    """Return values (V,) extended so that each unknown vertex has the mean of its neighbours."""
     return extension(mesh, known)(values)
 
 
@@ -110,7 +106,7 @@ def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> F
 
 
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
-    """Return `extend` as a function, for many functions that are known at the same vertices."""
+    """Return a function like `extend`, for many functions that are known at the same vertices."""
     if known.all():
         return lambda values: values
     joined = adjacency(mesh)

@@ -20,14 +20,15 @@ BLOCKS = (32, 64, *range(128, 1025, 128))
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     """Compute the first k (at most 1024) eigenpairs of ``L phi = lambda M phi``.
 
-    Returns read-only eigenvalues (k,), ascending, and eigenfunctions (V, k). L is the cotangent
+    Return read-only eigenvalues (k,), ascending, and eigenfunctions (V, k). L is the cotangent
     Laplacian (natural, that is Neumann, condition on a boundary), M the lumped mass. Eigenvalues
     are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in ``sum_i M_ii phi_i psi_i``.
     The sign makes the integral of ``phi^3`` positive. Where that vanishes (by a symmetry), the
     first vertex with at least half of the largest absolute value is positive.
 
     The same mesh gives the same bits, independent of earlier computations. Pairs are computed and
-    cached in blocks of 32, 64, 128, 256, 384, ...; k selects from the smallest block that holds it.
+    cached in blocks of 32, 64, 128, 256, 384, ...; k selects from the smallest block that contains
+    it.
     For repeated eigenvalues, the basis is arbitrary and may differ between blocks.
     """
     count = len(mesh.vertices)
@@ -43,7 +44,7 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
 
 
 def unit_eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the `eigenbasis` of the mesh scaled to unit area, for any unit of length."""
+    """Compute the `eigenbasis` of the mesh scaled to unit area, whatever its unit of length."""
     return eigenbasis(mesh.normalized(), k)
 
 

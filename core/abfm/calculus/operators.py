@@ -19,7 +19,7 @@ from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 
 Matrix = sparse.csr_array
 
-# height over longest edge; squares of smaller values are lost in the rounding of a norm
+# least height over longest edge; squares of smaller ones are lost in the rounding of a norm
 THICKNESS_MIN = 1e-5
 
 

@@ -6,13 +6,13 @@ from abfm.calculus.operators import face_areas
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
-# the largest speeds, on this share of the area, count as the next lower speed
+# the largest speeds (outliers), on this share of the area, count as the next lower speed
 _OUTLIER_AREA_SHARE = 0.001
 _FAST_NORM_SHARE = 0.4  # share of the squared norm on the faces that count as fast
 
 
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
-    """Return the speed above which speeds (F,) count as fast, or 0 if all are 0.
+    """Return the speed above which speeds (F,) count as fast; 0 if all are 0.
 
     The faster faces have 40% of the squared norm of the field, wherever they are on the surface.
     Outliers, which occur on slivers, count as the next lower speed.

@@ -28,7 +28,7 @@ from abfm.numerics.real_numbers import is_finite_number, is_integer, real_number
 from abfm.types import FloatArray, IntArray
 
 Projection = Callable[[FloatArray], FloatArray]
-_WEIGHT_MAX = 1e100  # weight of a bracket
+_WEIGHT_MAX = 1e100  # largest weight of a bracket
 _STEP_NORM = 4.0  # a Taylor step of this norm loses less than two digits to cancellation
 _NORM_LIMIT = 1e5
 
@@ -190,7 +190,7 @@ def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
 
 
 def _onto_range(gradient: Matrix, mass: Matrix, grounded: IntArray) -> Projection:
-    """Return the projection onto a gradient's range; ``grounded`` unknowns fix its kernel."""
+    """Return the projection onto the range of a gradient; ``grounded`` unknowns fix its kernel."""
     free = np.setdiff1d(np.arange(gradient.shape[1]), grounded)
     basis = Matrix(gradient[:, free])
     solve = factor(Matrix(basis.T @ mass @ basis))

@@ -75,7 +75,7 @@ def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
 
 
 def gradient_field(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
-    """Return the gradient of a function (V,), (F, 3), optionally rotated by 90 degrees."""
+    """Return the gradient of a function (V,), (F, 3), rotated by 90 degrees if ``turned``."""
     operator = rotation(mesh) @ calculus.gradient(mesh) if turned else calculus.gradient(mesh)
     return calculus.to_ambient(mesh, (operator @ f).reshape(-1, 2))
 
@@ -92,7 +92,6 @@ def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
 
 
 def face_centres(mesh: TriangleMesh) -> FloatArray:
-    """Return the face centres, (F, 3)."""
     return np.asarray(mesh.vertices[mesh.faces].mean(axis=1))
 
 

@@ -14,7 +14,7 @@ from abfm.io.sheets import Panel, Sheet, Streaks
 from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
-_SPEED = 0.25  # RMS of v, in sqrt(area) per unit of time
+_SPEED = 0.25  # root mean square of v, in sqrt(area) per unit of time
 _COMPARED_FIELDS = 8  # smooth fields whose brackets are compared
 
 
@@ -105,7 +105,6 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 
 def rotation(mesh: TriangleMesh) -> FloatArray:
-    """Return the rotation about the y axis, (F, 3)."""
     around = np.cross([0.0, 1.0, 0.0], fields.face_centres(mesh))
     return fields.with_speed(mesh, fields.tangential_part(mesh, around), _SPEED)
 
@@ -118,10 +117,7 @@ def on_torus(n: int) -> Case:
 
 
 def on_gourd(frequency: int) -> Case:
-    """Return the rotation of a gourd.
-
-    It commutes with the gradient of the first eigenfunction along meridians.
-    """
+    """Return the rotation of a gourd; it commutes with the gradient of the first eigenfunction."""
     mesh = gourd(frequency)
     polar, slope, roughness_of_u = first_on_meridian()
     x, y, z = points = fields.face_centres(mesh).T
@@ -146,7 +142,7 @@ def on_gourd(frequency: int) -> Case:
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:
     """Solve for the first eigenfunction on the meridian by finite volumes.
 
-    Returns angles (count + 1,), slopes (count + 1,), and the eigenvalue times the area.
+    Return angles (count + 1,), slopes (count + 1,), and the eigenvalue times the area.
     """
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)

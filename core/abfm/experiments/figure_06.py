@@ -19,7 +19,7 @@ from abfm.types import FloatArray
 _ANGULAR_SPEED = np.pi  # radians per unit of time
 # speeds to try on any mesh: sqrt(area) per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
-_STRETCH_MAX = 2.0  # of the norm of u by the flow
+_STRETCH_MAX = 2.0  # largest factor by which the flow may change the norm of u
 _TIMES = (0.125, 0.25)  # the paper's times
 _MORE_TIMES = (0.5, 1.0)
 _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
@@ -148,7 +148,7 @@ def on_sphere(frequency: int) -> Case:
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return the rotation about the axis, an isometry, or around the tube, which is none."""
+    """Return the rotation about the axis (an isometry), or around the tube (not an isometry)."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.face_centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)

@@ -20,7 +20,7 @@ from abfm.mesh.shapes import stepped_slab, two_armed
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
 
-_MEASURED_TIMES = (1.0, 2.0)  # of the map, relative to tau
+_MEASURED_TIMES = (1.0, 2.0)  # times of the measured maps, relative to tau
 _SHOWN_TIMES = {
     0.0: "t = 0",
     0.5: "t = 0.5 τ",
@@ -137,7 +137,7 @@ def figure_10(setup: FigureSetup) -> Script:
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
     """Return the rotation by 180 degrees of a mesh, or else its mirror plane.
 
-    A mesh with neither raises MeshError.
+    MeshError if the mesh has neither.
     """
     errors, found = {}, None
     for kind in reversed(maps.KINDS):

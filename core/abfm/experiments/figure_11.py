@@ -36,15 +36,15 @@ NO_FLOW = "no flow"
 ZOOM_OUT = "no flow: ZoomOut of the start"
 TARGETS = "no flow: nearest surface points of the target coordinates"
 
-_START_MODES = 10  # eigenfunctions of the initial map
+_START_MODES = 10  # number of eigenfunctions of the initial map
 _MODES = 100
 _MODES_SMALL = 30
 _VERTICES_MIN = 60
 _BEND = np.pi / 3  # radians
-_CHECKER_FIELDS = 16  # along the longest axis
+_CHECKER_FIELDS = 16  # squares of the checkerboard along the longest axis
 # maximum ratio of final and initial mismatch of matched functions
 _MISMATCH_RATIO_MAX = 0.1
-_ZOOM_OUT_STEP = 10  # eigenfunctions
+_ZOOM_OUT_STEP = 10  # eigenfunctions added in each step
 # parameters of the reduced basis
 _FIELDS = 50
 _SIGMA = 0.1
@@ -456,7 +456,7 @@ def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
     """Return the map to the closest points of A with truncated coordinates.
 
-    ``functions`` (V, 3) on B are used as coordinates.
+    ``functions`` (V, 3) on B serve as coordinates.
     """
     a = poses.a
     found = maps.project_onto_surface(

@@ -281,14 +281,13 @@ def size_text(name: str, *meshes: TriangleMesh) -> str:
 
 
 def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
-    """Return the specification of a Gaussian."""
     return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
     """Return the example of a function that a given flow advects until tau.
 
-    The target is the specification of a file, such as ``file:advected.npy``.
+    ``target`` is the specification of a file, such as ``file:advected.npy``.
     """
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
@@ -296,9 +295,9 @@ def advection_example(flow: Flow, name: str, source: str, target: str) -> Exampl
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations from 60 to ``iterations_max``.
+    """Return a number of iterations from 60 to ``iterations_max`` that takes about 30 seconds.
 
-    They take about 30 seconds for three functions.
+    This is the time for three functions.
     """
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 

@@ -26,7 +26,10 @@ class LinearisedFlow:
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint (Eq. 8): ``-t D̄_f^T mu``, and ``(id - t D_v)^T mu``."""
+        """Add the derivative by the field (Eq. 8), ``-t D̄_f^T mu``, to ``gradient``.
+
+        Return the derivative by ``f``, ``(id - t D_v)^T mu``.
+        """
         pattern = self.pattern
         start, dual = pattern.restricted(trajectory.segments[0].start), pattern.restricted_dual(mu)
         rows = np.repeat(dual, np.diff(pattern.indptr))
@@ -50,7 +53,7 @@ class Advection:
 
     @property
     def exponent(self) -> float:
-        """Spectral bound times time, about the number of products with ``D_v`` of an advection."""
+        """Spectral bound times time: about the number of products with ``D_v`` of an advection."""
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
@@ -64,7 +67,7 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add to ``gradient`` (N, F, 2) the derivative by the fields.
+        """Add the derivative by the fields to ``gradient`` (N, F, 2).
 
         ``mu`` (V,) is the derivative by the advected function.
         """
@@ -110,7 +113,10 @@ class Advection:
 
 
 class Discretisation:
-    """The discrete advection of functions on a mesh, on vertices or clusters, with its memory."""
+    """The discrete advection of functions on a mesh, and its memory.
+
+    Functions have a value for each vertex or for each cluster of vertices.
+    """
 
     def __init__(
         self,

@@ -28,7 +28,7 @@ def straightest_geodesics(
     """Follow the straightest geodesics [Polthier and Schmies, 1998] from points (P,).
 
     The vectors (P, 3), in the planes of the faces of the points, give directions and lengths.
-    Returns the ends, and which geodesics met no boundary, (P,). The others end at their start.
+    Return the ends, and which geodesics met no boundary, (P,). The others end at their start.
     """
     unit, faces = mesh.normalized(), start.faces.copy()
     frames = face_frames(mesh)[faces]
@@ -44,7 +44,7 @@ def straightest_geodesics(
 
 @per_mesh
 def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
-    """Return a flow of a zero field: the data for geodesics, which do not depend on a field."""
+    """Return a flow of a zero field: its data for geodesics do not depend on a field."""
     return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
 
 

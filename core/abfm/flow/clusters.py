@@ -1,7 +1,7 @@
 """Clusters of vertices, so that a few thin triangles do not determine the cost of an advection.
 
-The number of products with ``D_v`` grows with the largest rate of a vertex. That is the sum of the
-rates of its faces over its area. Slivers make it a hundred times the usual rate.
+The number of products with ``D_v`` grows with the largest rate of a vertex. The rate is the sum of
+the rates of its faces over its area. At slivers it is a hundred times the usual rate.
 """
 
 import numpy as np
@@ -10,13 +10,13 @@ from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
-# ratio to the median rate beyond which a vertex is joined with a neighbour
+# a vertex is joined with a neighbour if its rate exceeds this multiple of the median rate
 RATE_RATIO_MAX = 3.0
-# longest edge that joins vertices, in median edges, for a rate at the limit; it grows with the
-# square root of the rate
+# longest edge that joins vertices, in median edge lengths, if the rate is at the limit; it grows
+# with the square root of the rate
 _NEIGHBOUR_DISTANCE_MAX = 0.5
-_ROUNDS = 12  # of joining pairs
-# smaller gains do not justify a second discretisation
+_ROUNDS = 12  # rounds of joining pairs
+# a smaller reduction of the rate does not justify a second discretisation
 _RATE_GAIN_MIN = 1.5
 
 

@@ -33,8 +33,8 @@ _LENGTH_MIN = 1e-12  # shorter steps, relative to the face, are not taken
 # Points are moved by this share of the distance to the centre of their face. Otherwise rounding
 # would choose the side on which a flow line passes a vertex.
 _INWARD_SHARE = 1e-10
-_CHUNK = 4096  # points between checkpoints: 0.2 s if they cross a hundred faces each
-_CROSSINGS = 64  # edges that a step may cross before it counts as caught at a vertex
+_CHUNK = 4096  # points between checks for cancellation: 0.2 s if each crosses a hundred faces
+_CROSSINGS = 64  # a step that crosses more edges counts as caught at a vertex
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
 # a step that lost more of its squared length has slid along the boundary
 _STRAIGHT_SHARE_MIN = 1 - 1e-9
@@ -122,7 +122,7 @@ class ContinuousFlow:
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
         """Return a field made continuous, at corners (F, 3) and for flow lines.
 
-        The result for the latest field is cached.
+        The latest one is cached.
         """
         cached = self._cache
         if cached is None or cached[0] != j:
@@ -132,7 +132,7 @@ class ContinuousFlow:
         return cached[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
-        """Move points along fields, by number, each for a time of either sign."""
+        """Move points along fields, given by number, each for a time of either sign."""
         mesh, k = self.mesh, self._refined
         faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
         faces, barycentric = to_children(faces, barycentric, k)
@@ -166,7 +166,7 @@ class SmoothFlow(NamedTuple):
 
     # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     vectors: FloatArray
-    gradients: FloatArray  # (F, 3, 2), of the hat functions
+    gradients: FloatArray  # (F, 3, 2), gradients of the hat functions
     # (F, 3, 4), map to the frame behind the edge opposite each corner: cosine, sine, and shift
     unfolding: FloatArray
     # (F, 3), slot 3 f + k on the other side of that edge, -1 on the boundary
@@ -184,7 +184,7 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed stay without."""
+    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep no speed."""
     return from_corners(mesh, corner_vectors(mesh, field), unit)
 
 
@@ -220,7 +220,7 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
     """Return the angles between vectors and the middles of corners, relative to the corner angles.
 
-    The offset of a zero vector is infinite.
+    The result is infinite for a zero vector.
     """
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
@@ -265,7 +265,7 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
     if seen > _STRAIGHT_SHARE_MIN * length:
         cosine, sine = 2 * step * (p * u + q * v) / seen, 2 * step * (p * v - q * u) / seen
         u, v = cosine * r - sine * s, sine * r + cosine * s
-    elif seen > 0.0:  # it slid along the boundary; scale it by the ratio of the speeds
+    elif seen > 0.0:  # the walker slid along the boundary; scale by the ratio of the speeds
         ratio = max(2 * step * (p * r + q * s) / seen, 0.0)
         u, v = ratio * u, ratio * v
     return Walker(f, x, y, u, v)
@@ -275,7 +275,7 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
 def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walker:
     """Move a walker straight by its vector across faces.
 
-    At a boundary it slides along it with ``slide``; otherwise its face becomes -1.
+    At a boundary it slides along the boundary if ``slide`` is True; otherwise its face becomes -1.
     """
     f, x, y, u, v = walker
     gradients, left, entered = flow.gradients, 1.0, -1

@@ -21,7 +21,7 @@ from abfm.types import FloatArray, IndexArray
 GROUP = 7
 UNSIGNED_ONE = np.uint32(1)  # a signed 1 would make the sum a signed index
 _BLOCK_ROWS_MIN = 256
-_BLOCKED_VERTICES_MIN = 20_000  # blocks do not pay on smaller meshes
+_BLOCKED_VERTICES_MIN = 20_000  # on smaller meshes, blocks do not save time
 
 
 class Assembly(NamedTuple):
@@ -56,7 +56,6 @@ class DerivativePattern:
 
     @property
     def size(self) -> int:
-        """Number of rows and columns."""
         return len(self.indptr) - 1
 
     def restricted(self, f: FloatArray) -> FloatArray:
@@ -68,11 +67,11 @@ class DerivativePattern:
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
-        """Apply the adjoint of `extended`."""
+        """Apply the adjoint of `extended` to a function (V,)."""
         return mu[self.order] if self.shares is None else self._summed(mu)
 
     def extended_dual(self, mu: FloatArray) -> FloatArray:
-        """Apply the adjoint of `restricted`."""
+        """Apply the adjoint of `restricted` to a function in the pattern's order."""
         return mu[self.rank] if self.shares is None else self.shares * mu[self.rank]
 
     def _summed(self, f: FloatArray) -> FloatArray:
@@ -85,7 +84,7 @@ class DerivativePattern:
         return out.reshape(self.indices.shape)
 
     def transposed(self, values: FloatArray) -> FloatArray:
-        """Return the entries of the transposed matrix."""
+        """Return the entries (G, 7) of the transposed matrix."""
         return values.ravel()[self.transpose].reshape(values.shape)
 
     def product(self, values: FloatArray, f: FloatArray) -> FloatArray:
@@ -177,7 +176,7 @@ def _pattern(
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
-    """Return the bounds of blocks, each with all neighbours of the block before it."""
+    """Return the bounds of blocks; a block has all neighbours of the block before it."""
     count = len(indptr) - 1
     if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])

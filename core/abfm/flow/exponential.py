@@ -30,9 +30,9 @@ TOLERANCE = 1e-10  # default truncation of the series
 # terms this much larger than the function lose five digits, so the time is split instead
 _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
-_PRODUCTS_MIN = 2.0  # products per segment below which splitting cannot help
+_PRODUCTS_MIN = 2.0  # segments with fewer products are not split, as this would not help
 _BOUND_MIN = 1e-100  # a zero field still needs a positive rho for its derivative
-_MEMORY = 70_000_000  # numbers
+_MEMORY = 70_000_000  # numbers in the stored terms of a series
 # Segment lengths in products. Shorter segments spend more than half of them on the tail.
 _SHORT_SEGMENT = 30.0
 _LONG_SEGMENT = 1000.0
@@ -45,8 +45,8 @@ _SWEEP = 4  # terms per sweep, whose rows of the matrix stay in the cache togeth
 class RowProducts:
     """Number of products of functions with rows of ``D_v`` or of its transpose.
 
-    ``is_shared`` is true if other counts were open at the same time, for example in another thread.
-    Each of them then includes the products of all.
+    ``is_shared`` is True if other counts were open at the same time, for example in another thread.
+    Each of these counts then includes the products of all.
     """
 
     count, is_shared = 0, False
@@ -70,7 +70,7 @@ def counted_row_products() -> Iterator[RowProducts]:
 
 
 def _count(terms: int, size: int) -> None:
-    """Count a series of so many terms, of which the first is the function itself."""
+    """Count a series of ``terms`` terms, of which the first is the function itself."""
     for products in _open_counts:
         products.count += max(terms - 1, 0) * size
 
@@ -105,7 +105,7 @@ class Workspace:
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
-        """Return whether so many more rows fit; the first block is scratch."""
+        """Return whether this number of further rows fits; the first block is scratch memory."""
         return self.used - self.block + rows <= self.capacity
 
     def take(self, rows: int) -> FloatArray | None:
@@ -149,7 +149,10 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of the field ``v`` (F, 2), truncated relative to ``max |f|``, per segment."""
+    """``exp(-t D_v)`` of a field ``v`` (F, 2), as a truncated series for each segment of time.
+
+    The truncation is relative to ``max |f|``.
+    """
 
     def __init__(
         self,
@@ -194,7 +197,10 @@ class ExponentialFlow:
         return trajectory
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
-        """Compute all segments; return None if terms outgrow the function, as the step is long."""
+        """Compute all segments.
+
+        Return None if terms outgrow the function, which happens if the segments are too long.
+        """
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
         # without space, `backward` recomputes the terms of one segment after the other
@@ -253,7 +259,10 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` to times (T,), ordered away from zero, (T, V), by one series per segment."""
+        """Advect ``f`` to times (T,), ordered away from zero; return (T, V).
+
+        Each segment of time takes one series.
+        """
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)

@@ -31,8 +31,8 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-STEPS_PER_FACE = 2.0  # at the largest speed, for a face of mean size
-# steps along one field
+STEPS_PER_FACE = 2.0  # steps in a face of mean size at the largest speed
+# smallest and largest number of steps along one field
 _STEPS_MIN = 8
 _STEPS_MAX = 4096
 _CROSSINGS = 64  # edges that a step may cross, as in `continuous_flow`
@@ -105,7 +105,7 @@ class FlowLineDerivative:
         return found
 
     def steps(self, field: FloatArray, fields: int) -> int:
-        """Return the number of steps along one of so many fields, a power of two."""
+        """Return the number of steps along one of ``fields`` consecutive fields, a power of two."""
         with np.errstate(over="ignore"):
             fastest = math.sqrt(float((field**2).sum(axis=1).max()))
         over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
@@ -128,7 +128,7 @@ class FlowLineDerivative:
 
 
 class _Fans:
-    """The faces around those points that are at vertices."""
+    """The faces around the points that lie at vertices."""
 
     def __init__(self, points: SurfacePoints) -> None:
         mesh = points.mesh
@@ -176,8 +176,8 @@ def glide(
     """Move straight by a vector across faces, sliding along boundaries, as `walk_straight` does.
 
     Place and vector (2,) are updated to those at the end; ``motion`` (2, 2) becomes the rotation to
-    the frame there. Returns the face, whether the point slid, and a matrix (4, 4). The matrix holds
-    the derivatives of place (rows 0, 1) and vector (2, 3) at the end by both at the start.
+    the frame there. Return the face, whether the point slid, and a matrix (4, 4). The matrix has
+    the derivatives of place (rows 0, 1) and vector (rows 2, 3) at the end by both at the start.
     """
     gradients, left, entered, slid = flow.gradients, 1.0, -1, False
     x, y, u, v = place[0], place[1], way[0], way[1]
@@ -272,7 +272,7 @@ def follow(
             if not slid or squared == 0.0:
                 by_halfway[:] = step * turn.T
                 way = product(by_halfway, np.array([[r], [s]]))[:, 0]
-            else:  # it slid along the boundary; scale it by the ratio of the speeds
+            else:  # the point slid along the boundary; scale by the ratio of the speeds
                 inner = 2 * step * (seen[0] * r + seen[1] * s)
                 ratio = max(inner / squared, 0.0)
                 way = np.array([ratio * step * u, ratio * step * v])
@@ -306,7 +306,7 @@ def follow(
 def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
     """Propagate slopes (L, 2) from the ends of flow lines back to their starts.
 
-    It adds the derivatives by the field's vectors at corners to ``at_corners`` (F, 3, 2).
+    The derivatives by the field's vectors at corners are added to ``at_corners`` (F, 3, 2).
     """
     count = tape.faces.shape[1]
     for i in range(slopes.shape[0]):

@@ -1,10 +1,10 @@
 """Flow lines of fields that are constant in each face, traced exactly from edge to edge.
 
-They check the discrete advection. A walker is a face and barycentric weights. ``where`` holds the
+They check the discrete advection. A walker is a face and barycentric weights. ``where`` has the
 face and the corner opposite the edge along which the walker slides (-1 inside the face). If both
 faces of an edge push towards it, the walker follows Filippov's solution: the mean of the two
-vectors that lies along the edge. At a vertex it takes the fastest of the faces that lead away and
-the edges to slide along.
+vectors that lies along the edge. At a vertex, it continues in a face that leads away or along an
+edge, whichever is the fastest.
 """
 
 from dataclasses import dataclass
@@ -157,7 +157,10 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` if both faces push."""
+    """Return the speed along the edge from corner ``c + 1`` to ``c + 2``, if both faces push to it.
+
+    The unit is edge lengths per unit of time.
+    """
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
     here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])
@@ -226,7 +229,7 @@ def advance(
 ) -> tuple[float, int]:
     """Move a walker for a time, at most to the next edge or vertex.
 
-    Returns the elapsed time and the state.
+    Return the elapsed time and the state.
     """
     leave, used = -1, time
     for i in range(3):

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def require_memory(size: float) -> None:
-    """Raise MemoryError unless so many bytes are available.
+    """Raise MemoryError unless ``size`` bytes are available.
 
     Call it before a compiled library allocates them. If such libraries run out of memory, some free
     memory twice, some abort, and some continue without the memory.

@@ -1,4 +1,4 @@
-"""Sparse Cholesky factorisation: cholespy where it has wheels, SciPy's SuperLU elsewhere."""
+"""Sparse Cholesky factorisation by cholespy; by SciPy's SuperLU on systems without its wheels."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def factor(matrix: sparse.csr_array) -> Solve:
     memory. Otherwise `factor` itself raises MemoryError.
     """
     unknowns = matrix.shape[0]
-    if unknowns == 0:  # a mesh without inner vertices; both libraries refuse it
+    if unknowns == 0:  # the mesh has no inner vertices; both libraries refuse an empty matrix
         return np.copy
     # in unknowns of a scalar system on vertices, which has seven entries per row
     work = unknowns * max(1.0, matrix.nnz / unknowns / 7) ** 2
@@ -58,7 +58,7 @@ def _factored(matrix: sparse.csr_array) -> Solve:
 
 
 def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """Report the step; nested dissection of a surface mesh takes n^(3/2) operations."""
+    """Return a progress step; nested dissection of a surface mesh takes n^(3/2) operations."""
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 
@@ -104,7 +104,7 @@ class _Factor:
 
 
 class _SubprocessFactor:
-    """A factorisation in its own subprocess; several run at once.
+    """A factorisation in its own subprocess; several can run at once.
 
     The first call of the solver waits for the factorisation.
     """
@@ -136,6 +136,6 @@ class _FactorHolder:
         self._solve = _factored(matrix)
 
     def solve(self, b: FloatArray) -> FloatArray:
-        if self._solve is None:  # this process replaced the one that had factored
+        if self._solve is None:  # this subprocess replaced the one that had factored
             raise MemoryError("the process that factored a linear system has ended")
         return self._solve(b)

@@ -156,5 +156,4 @@ def product(matrix: sparse.csr_array, x: FloatArray) -> FloatArray:
 
 
 def unsigned(indices: IndexArray) -> IndexArray:
-    """Return a view of the indices as unsigned integers of the same size."""
     return indices.view(np.uint32 if indices.itemsize == 4 else np.uint64)

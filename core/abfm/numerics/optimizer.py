@@ -1,8 +1,9 @@
-"""Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator: init, step, stop test.
+"""Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator.
 
-SciPy's L-BFGS has no preconditioner. It cannot stop between two iterations or reuse the pairs of an
-earlier run. Its line search fails for energies that are not finite, and evaluates slopes where the
-value alone rejects a step.
+`LBFGS` has the methods ``init``, ``step`` and ``stop_reason``. SciPy's L-BFGS has no
+preconditioner. It cannot stop between two iterations or reuse the pairs of an earlier run. Its line
+search fails for energies that are not finite. It also evaluates slopes where the value alone
+rejects a step.
 """
 
 import math
@@ -225,7 +226,8 @@ def strong_wolfe(
 ) -> Trial[Point] | None:
     """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
 
-    Algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. The search tries
+    These are algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. The search
+    tries
     ``first`` first, and computes slopes only where the value is low enough. After twelve trials it
     returns the lowest trial with sufficient decrease, or None if there is none. A value that is not
     finite counts as infinite, so the step is shortened.
@@ -257,7 +259,7 @@ def strong_wolfe(
 
 
 def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
-    """Return the minimiser of the cubic, or of the parabola without a slope at ``high``.
+    """Return the minimiser of the cubic, or of the parabola if the slope at ``high`` is unknown.
 
     The result is at least a tenth of the interval away from both ends, and a tenth from ``low`` if
     ``high`` is infinite.

@@ -12,7 +12,7 @@ from abfm.types import FloatArray
 def real_numbers(
     values: ArrayLike, name: str, error: type[AbfmError] = ParameterError
 ) -> FloatArray:
-    """Return an array of real numbers as float64 in C order; it may hold infinities and NaN.
+    """Return an array of real numbers as float64 in C order; it may have infinities and NaN.
 
     Masked values become NaN; PyTorch tensors are detached and copied to the CPU. Anything else
     raises ``error``: text, objects, complex numbers, or rows of different lengths.

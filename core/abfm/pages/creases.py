@@ -10,7 +10,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.topology import connected, edge_slots
 from abfm.types import IntArray
 
-# angles between the normals at an edge
+# angles between the normals at a flat, half-sharp or sharp edge
 _FLAT_DEGREES = 1.0
 _CREASE_DEGREES = 25.0
 _HALF_SHARP_DEGREES = 20.0
@@ -26,7 +26,10 @@ class DrawnMesh:
     faces: IntArray  # (F, 3): faces of the mesh, with drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values (V, ...) of vertices as (D, ...); the same array if no vertex is split."""
+        """Return values (V, ...) of vertices at the drawn vertices, (D, ...).
+
+        If no vertex is split, the result is the same array.
+        """
         return values if len(self.origin) == len(values) else values[self.origin]
 
 

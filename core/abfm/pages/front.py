@@ -11,7 +11,7 @@ from abfm.reading import side_of
 from abfm.types import FloatArray
 
 Triple = tuple[float, float, float]
-_FACES_MAX = 10_000  # evaluated faces
+_FACES_MAX = 10_000  # largest number of faces that are evaluated
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
 _STEEP_ELEVATION = np.radians(30)  # higher elevations are only for flat surfaces
@@ -21,7 +21,7 @@ _SIDE_BONUS = np.array([0.001, 0.002, 0.25])
 """Bonus of views from the right, from above and from the front, relative to the best visible area.
 The first two only decide between equivalent directions.
 """
-_NUMBERS_MAX = 50_000_000  # evaluated numbers of a sequence
+_NUMBERS_MAX = 50_000_000  # largest number of values of a sequence that are evaluated
 
 
 def triple(values: FloatArray) -> Triple:
@@ -95,7 +95,7 @@ def best_front(
 
 
 def changes_in_time(frames: FloatArray) -> FloatArray:
-    """Return the variance in time of frames (T, V, C), (V,), summed over channels.
+    """Return the variance in time of frames (T, V, C), summed over channels, (V,).
 
     Each channel is divided by its maximum. Values that are not finite have variance 0. Very long
     sequences are subsampled.

@@ -33,5 +33,4 @@ def environment(*folders: Path) -> Environment:
 
 
 def stylesheet(*paths: Path) -> str:
-    """Return the styles of all pages, followed by the styles in some files."""
     return "".join(path.read_text(encoding="utf-8") for path in (TEMPLATES / "base.css", *paths))

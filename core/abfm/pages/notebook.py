@@ -159,7 +159,7 @@ def _kind(shown_object: Any) -> str:
 
 
 def _verdict(shown_object: Any) -> tuple[str, str]:
-    """Return the headline of a result, and its tone."""
+    """Return the headline of a result and its tone, the name of a colour."""
     facts: Facts | None = getattr(shown_object, "facts", None)
     return (
         (correspondence_headline(shown_object), "ink")

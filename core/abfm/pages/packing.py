@@ -85,7 +85,6 @@ class Store:
         return entry | {"bytes": size}
 
     def text(self) -> str:
-        """Return all arrays, deflated, as base64."""
         deflater = zlib.compressobj(9)
         deflated = [deflater.compress(part) for part in self._parts]
         return base64.b64encode(b"".join([*deflated, deflater.flush()])).decode()

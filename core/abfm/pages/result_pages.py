@@ -29,7 +29,7 @@ from abfm.wording import capital, share
 from abfm.workers.progress import step
 
 _KEYS = 7, 41  # minimum and maximum number of key frames of advected functions
-_VALUES_MAX = 3_000_000  # in all key frames; about one byte of a page for each
+_VALUES_MAX = 3_000_000  # values in all key frames; each takes about a byte of the page
 _PLAY_SECONDS = 4.0
 # flow lines: number, points of each, and minimum length in sqrt(area)
 _LINES_MAX = 160
@@ -197,7 +197,7 @@ def _layers(found: Population, c: int) -> list[Layer]:
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
     """Return names and colours of the functions to show.
 
-    For landmarks alone, these are the coordinates of ``a``.
+    If only landmarks are matched, these are the coordinates of ``a``.
     """
     if match.problem.is_of_landmarks:
         mesh = a or match.mesh
@@ -223,7 +223,7 @@ def _moving(
 ) -> list[Layer]:
     """Return the advected functions at uniform times from 0 to tau.
 
-    For landmarks alone, ``start`` is advected, by default the coordinates.
+    If only landmarks are matched, ``start`` is advected, by default the coordinates.
     """
     budget = int(share * _VALUES_MAX) // (len(match.mesh.vertices) * len(shown))
     times = np.linspace(0, match.parameters.tau, min(max(budget, _KEYS[0]), _KEYS[1]))

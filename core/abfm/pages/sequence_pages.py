@@ -32,16 +32,16 @@ _KEYS_PER_INTERVAL_MAX = 4
 PLAY_SECONDS_PER_FRAME = 0.15
 PLAY_SECONDS_MIN = 4.0
 PLAY_SECONDS_MAX = 30.0
-_TAIL_SHARE = 0.2  # of the duration: time for which a track stays visible behind its point
+_TAIL_SHARE = 0.2  # a track stays visible behind its point for this share of the duration
 _PATH_LINES_MAX = 140
 _PATH_PIECES_MAX = 15_000  # pieces of all path lines together
 _PATH_INTERVALS = 10  # intervals after which a path line restarts
 _ARROWS_PER_INTERVAL_MAX = 480
-_ARROWS_MAX = 40_000  # in all intervals
-_ARROW_LENGTH_MAX = 0.92  # of the distance between two arrows
-_ARROW_SPEED_MIN = 0.2  # of the speed of the longest arrow
-_ARROW_COSINE_MIN = 0.6  # of the angle between normals along an arrow
-_COLOR_PERCENTILE = 99.5  # of absolute values, at the ends of the colours
+_ARROWS_MAX = 40_000  # arrows in all intervals together
+_ARROW_LENGTH_MAX = 0.92  # length over the distance between two arrows
+_ARROW_SPEED_MIN = 0.2  # speed over that of the longest arrow; slower ones are omitted
+_ARROW_COSINE_MIN = 0.6  # least cosine of the angle between normals along an arrow
+_COLOR_PERCENTILE = 99.5  # percentile of absolute values at the ends of the colours
 _INK_COLOR: Color = (0.11, 0.13, 0.17)
 
 
@@ -151,7 +151,7 @@ def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: f
 
 
 def _speed(sequence: sequences.Sequence, labels: Labels) -> str:
-    """Return the median over time of the root mean square over the surface."""
+    """Return the speed as text: the median over time of the root mean square over the surface."""
     return f"{float(np.median(sequence.speed)):.3g}, {_unit_of_speed(labels)}"
 
 

@@ -43,23 +43,13 @@ def read_cifti(
 ) -> Columns:
     """Read the columns of one hemisphere from .dscalar.nii, .dtseries.nii and .dlabel.nii.
 
-    Parameters
-    ----------
-    data : bytes
-        Contents of the file.
-    counts : collection of int
-        Possible numbers of vertices of the surface. If only one hemisphere has such a number, it
-        is chosen.
-    hemisphere : str
-        "L" or "R", which must be in the file; empty if unknown.
-    likely : str
-        The hemisphere of the surface. It is chosen if no other one is requested, and if it is in
-        the file.
-
-    Raises
-    ------
+    ``counts`` are possible numbers of vertices of the surface. A hemisphere is chosen if it is the
+    only
+    one with such a number. Otherwise it is ``hemisphere`` ("L" or "R"), which must be in the file.
+    If
+    that is empty, it is ``likely``, the hemisphere of the surface, if the file contains it.
     ValueError
-        If the file is damaged or of another type, or if both hemispheres fit.
+    if the file is damaged or of another type, or if both hemispheres fit.
     """
     try:
         return _columns(data, counts, (hemisphere, likely))
@@ -179,7 +169,7 @@ def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
 def _numbers(
     data: bytes, head: Any, shape: tuple[int, ...], new_shape: tuple[int, ...]
 ) -> NDArray[Any]:
-    """Return the array after the header without scaling, reshaped to a shape of the same size."""
+    """Return the array after the header, without scaling, in a new shape of the same size."""
     kind = head.get_data_dtype()
     begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
     if min(shape) < 1 or kind.kind not in "biuf":
@@ -195,7 +185,6 @@ def _numbers(
 
 
 def _scaled(numbers: NDArray[Any], head: Any) -> FloatArray:
-    """Apply the scale and offset of the header to stored numbers."""
     slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
     table = as_float64(numbers)
     if math.isfinite(slope) and slope and math.isfinite(intercept) and (slope, intercept) != (1, 0):

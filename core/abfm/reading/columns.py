@@ -154,7 +154,7 @@ class Columns:
         column, unnamed = self.values[:, place], _normalized(self.names[place]) in _UNNAMED_COLUMNS
         if not np.array_equal(column, np.rint(column)) or (np.abs(column) > 2**53).any():
             if unnamed or _normalized(self.names[place]) == "index":
-                return self  # values of that name
+                return self  # the column has other values, in spite of its name
             raise ValueError(
                 f"the column {brief(self.names[place])} has numbers that are not integers; "
                 "expected vertex numbers"
@@ -238,7 +238,7 @@ class Columns:
         raise ValueError(f"the data have {columns}{missing}. Choose column={by_number}{listed}")
 
     def of_values(self) -> Columns:
-        """Return the columns without labels, or raise a ValueError if all columns have labels."""
+        """Return the columns without labels; raise a ValueError if all columns have labels."""
         if not any(self.keys):
             return self
         chosen = [k for k, keys in enumerate(self.keys) if keys is None]
@@ -247,7 +247,7 @@ class Columns:
         return self._only(chosen)
 
     def of_labels(self) -> Columns:
-        """Return the columns with labels, or raise a ValueError if no column has labels."""
+        """Return the columns with labels; raise a ValueError if no column has labels."""
         chosen = [k for k, keys in enumerate(self.keys) if keys is not None]
         if not chosen:
             raise ValueError("the data are values; expected labels with names")

@@ -27,9 +27,9 @@ FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
 _SURFACE = b"\xff\xff\xfe"
 _VALUES = b"\xff\xff\xff"
 _QUADRANGLES = b"\xff\xff\xfd"
-_LINE_LENGTH_MAX = 1 << 16  # of the two comment lines of a surface
+_LINE_LENGTH_MAX = 1 << 16  # bytes of each of the two comment lines of a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
-_MGH_DATA_OFFSET = 284  # bytes
+_MGH_DATA_OFFSET = 284  # bytes before the data
 _BYTE_MAX = 255
 
 
@@ -99,9 +99,9 @@ def freesurfer_values(data: bytes) -> FloatArray:
 
 
 def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
-    """Read the image (columns, rows, slices, frames) of an .mgh file, and its frame interval.
+    """Read the image (columns, rows, slices, frames) of an .mgh file, and the time between frames.
 
-    The interval is in milliseconds, or NaN if the file has none. Errors are those of
+    The time is in milliseconds, or NaN if the file has none. Errors are those of
     `freesurfer_values`.
     """
     reader = _BytesReader(data)
@@ -176,9 +176,9 @@ def freesurfer_label(data: bytes) -> Columns:
 
 
 def freesurfer_text(data: bytes) -> Columns:
-    """Read values from a text without a header, as written by ``mris_convert``.
+    """Read values from a text without a header, whose lines are those of .label files.
 
-    The lines are those of .label files.
+    ``mris_convert`` writes such files.
     """
     if data.startswith(b"#!ascii"):
         raise ValueError("the file is a surface; expected a file of values")
@@ -205,11 +205,9 @@ class _BytesReader:
 
     @property
     def remaining(self) -> int:
-        """Number of bytes that were not read yet."""
         return len(self._data) - self._begin
 
     def threes(self, count: int, of: str) -> IntArray:
-        """Return integers (count,) of three bytes each."""
         high, middle, low = self.array("u1", (count, 3), of).astype(np.int64).T
         found: IntArray = high << 16 | middle << 8 | low
         return found

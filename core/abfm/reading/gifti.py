@@ -83,12 +83,9 @@ class Gifti(NamedTuple):
 def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
     """Read a GIFTI file.
 
-    Raises
-    ------
-    OSError
-        If the file, or one that it refers to, cannot be read.
-    ValueError
-        If the file is not GIFTI, or an array does not have the announced size.
+    OSError if the file, or one that it refers to, cannot be read. ValueError if the file is not
+    GIFTI,
+    or an array does not have the announced size.
     """
     opened = source if isinstance(source, Opened) else open_file(source)
     root, budget = xml_tree(opened.data), inflated_size_max(len(opened.data))

@@ -17,10 +17,10 @@ _IMAGING = re.compile(
 
 
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
-    """Return "L" or "R" if the name of a file contains the hemisphere, or None.
+    """Return "L" or "R" if the name of a file contains the hemisphere; None if not, or if both.
 
     A name contains the left one if a word between dots and underscores is ``hemi-L``, ``lh``,
-    ``L`` or ``left``, or ends with ``-lh``. If it contains both hemispheres, the result is None.
+    ``L`` or ``left``, or ends with ``-lh``.
     """
     words = re.split(r"[._]", os.path.basename(path))
     entities = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
@@ -36,9 +36,9 @@ def _side(word: str) -> str | None:
 
 
 def named_side(path: str | os.PathLike[str]) -> str | None:
-    """Return the `hemisphere` in the name of a brain imaging file, or None.
+    """Return the `hemisphere` in the name of a brain imaging file; None for other files.
 
-    It is also None for other files, in which ``left`` may refer to a hand.
+    In their names ``left`` may refer to a hand.
     """
     name = os.path.basename(path).lower()
     words = [word.rpartition("-") for word in re.split(r"[._]", name)]

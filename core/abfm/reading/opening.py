@@ -154,13 +154,8 @@ _CIFTI_INTENTS = range(3000, 3100)
 def open_file(path: str | os.PathLike[str]) -> Opened:
     """Read an uncompressed or gzip-compressed file and detect its format.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read; see `open_regular`.
-    ValueError
-        If the file is empty, its compressed data are damaged, or it is a Git LFS pointer, a web
-        page or an archive.
+    OSError if the file cannot be read, see `open_regular`. ValueError if the file is empty, its
+    compressed data are damaged, or it is a Git LFS pointer, a web page or an archive.
     """
     file = Path(os.path.expanduser(path))
     data, name = read_bytes(file), file.name.lower()
@@ -227,7 +222,7 @@ def _format(data: bytes, head: str, name: str) -> Format:
 
 
 def _format_of_text(head: str, named: Format) -> Format:
-    """Return the format detected by the first words of a text, or else that of its name."""
+    """Return the format that the first words of a text indicate, or else that of its name."""
     if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
         return Format.FREESURFER_ASCII
     found = (form for start, form in _TEXTS.items() if start.match(head))

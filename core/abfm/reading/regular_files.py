@@ -40,7 +40,7 @@ _NPY_HEADERS = {
 }
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _BLOCK_BYTES = 1 << 20
-_LOCAL_HEADER_BYTES = 30  # of a member of a zip, without its name and extra field
+_LOCAL_HEADER_BYTES = 30  # header of a member of a zip, without its name and extra field
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # methods that can be read in bounded steps
 # names of types of files other than regular files and folders
 SPECIAL_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}

@@ -24,7 +24,7 @@ _WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
 _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
-_ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # of Excel
+_ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # in Excel
 _MISSING_WORDS = ("na", "n/a", "<na>", "nan", "null", "none", "missing", ".")
 _MISSING_VALUES = (*_MISSING_WORDS, *map(str.lower, _ERRORS))
 _TRUTH = {"true": "1", "false": "0"}
@@ -50,19 +50,11 @@ class Rows(NamedTuple):
 def rows_of(data: bytes | str, comments: str | None = None, blanks: bool = True) -> Rows:
     """Return the cells of all lines of a table that are not empty, without blanks around them.
 
-    Parameters
-    ----------
-    data : bytes or str
-        A file in UTF-8 or UTF-16, or its text.
-    comments : str, optional
-        Beginning of lines that are skipped.
-    blanks : bool
-        Whether blanks separate cells if there is no other separator; otherwise it is the comma.
-
-    Raises
-    ------
-    ValueError
-        If the text cannot be decoded or quotes are not closed, also while iterating.
+    ``data`` is a file in UTF-8 or UTF-16, or its text. Lines that begin with ``comments`` are
+    skipped.
+    If there is no other separator, blanks separate cells if ``blanks`` is True, else commas.
+    ValueError,
+    also while iterating, if the text cannot be decoded or quotes are not closed.
     """
     text = _text(data)
     first = next((line for line in _lines(text, comments)), "")
@@ -119,17 +111,11 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     Otherwise they are in the last comment above the numbers, if it has a word for each column. A
     named column of other words is omitted, and also a last column of blank cells.
 
-    Parameters
-    ----------
-    data : bytes or str
-        A file in UTF-8 or UTF-16, or its text.
-    integers : bool
-        Whether integers are expected, so that a comma between two of them separates columns.
-
-    Raises
-    ------
-    ValueError
-        If cells are not numbers, or if commas are ambiguous.
+    ``data`` is a file in UTF-8 or UTF-16, or its text. If ``integers`` is True, integers are
+    expected,
+    and a comma between two of them separates columns. ValueError if cells are not numbers, or if
+    commas
+    are ambiguous.
     """
     text = _text(data)
     lines = list(_lines(text, "#"))
@@ -168,7 +154,7 @@ def _with_gaps(
 ) -> Numbers:
     """Return the numbers of lines with blank cells, missing values, true or false.
 
-    ``error`` is the ValueError of the first attempt, which is raised again for other words.
+    For other words, ``error`` is raised again, the ValueError of the first attempt.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
@@ -300,7 +286,7 @@ def _has_comma(cell: str) -> bool:
 
 
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
-    """Raise a ValueError if cells have decimal points as well, or if commas may be thousands."""
+    """Raise a ValueError if cells also have decimal points, or if commas may separate thousands."""
     if cells and _POINT.search(body):
         raise ValueError(
             f"some numbers have commas, such as {brief(cells[0])}, and others have points. Write "

@@ -92,14 +92,10 @@ def polygons_of_cells(sizes: IntArray, corners: IntArray, types: IntArray) -> Po
 def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:
     """Return the triangles (F, 3) of strips, with the orientation of the first one of each strip.
 
-    Triangles with the same vertex twice only connect two parts of a strip, and are omitted.
-
-    Parameters
-    ----------
-    sizes : (S,) array of int
-        Number of corners of each strip.
-    corners : (sum of sizes,) array of int
-        Concatenated vertices of the strips.
+    ``sizes`` (S,) are the numbers of corners of the strips, and ``corners`` (sum of sizes,) their
+    concatenated vertices. Triangles with the same vertex twice only connect two parts of a strip,
+    and
+    are omitted.
     """
     counts = np.maximum(sizes - 2, 0)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

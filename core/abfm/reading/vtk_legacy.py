@@ -181,7 +181,6 @@ class _Parser:
         return split_lists(self._numbers(size, "int").astype(np.int64), count)
 
     def polygons(self) -> Polygons:
-        """Return the polygons; strips become triangles."""
         empty = np.zeros(0, dtype=np.int64)
         if self._kind == "UNSTRUCTURED_GRID":
             sizes, corners = self._cells.get("CELLS", (empty, empty))
@@ -201,7 +200,6 @@ class _Parser:
         return [(name, lambda values=values: values) for name, values in self._values]
 
     def _words(self) -> list[str]:
-        """Return the words of the next line that is not empty, or none at the end."""
         found = _LINE.match(self._data, self._begin)
         if found is None:
             return []

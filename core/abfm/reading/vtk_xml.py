@@ -127,7 +127,6 @@ class _File:
         return [array for each in self.root.iter(place) for array in each.findall("DataArray")]
 
     def polygons(self) -> Polygons:
-        """Return the polygons of the piece; strips become triangles."""
         piece = self.pieces[0]
         if self.kind == "UnstructuredGrid":
             sizes, corners, types = self._cells("Cells", count_in(piece, "NumberOfCells", "0"))

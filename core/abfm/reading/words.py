@@ -18,9 +18,9 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Convert a word to a number, also with a Fortran exponent, as in ``1.0D+00``.
+    """Convert a word to a number; ValueError for other words.
 
-    Raise a ValueError for other words.
+    Fortran exponents, as in ``1.0D+00``, are accepted.
     """
     try:
         return float(word)
@@ -33,7 +33,6 @@ def number(word: str | bytes) -> float:
 
 
 def integer(word: str | bytes) -> int:
-    """Convert a word to an integer, or raise a ValueError."""
     try:
         return int(word)
     except ValueError:
@@ -62,7 +61,10 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, (count,); raise a ValueError, with ``of``, if fewer follow."""
+        """Return the next numbers, (count,).
+
+        Raise a ValueError that names ``of`` if fewer follow.
+        """
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:
@@ -87,7 +89,7 @@ class Words:
         raise ValueError(f"the file is cut off: {of} has {len(found)} of {count} numbers")
 
     def count(self, of: str) -> int:
-        """Return the next number, which announces the number of ``of``."""
+        """Return the next number, which announces how many ``of`` follow."""
         found = self.integers(1, f"the number of {of}")
         count = int(found[0])
         if count < 0:
@@ -98,22 +100,10 @@ class Words:
 def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:
     """Split numbers (n,) into lists; each list follows its length.
 
-    Parameters
-    ----------
-    count : int, optional
-        Number of lists; by default as many as there are.
-
-    Returns
-    -------
-    sizes : (count,) array
-        Length of each list.
-    entries : (n - count,) array
-        Concatenated entries of the lists.
-
-    Raises
-    ------
-    ValueError
-        If the number of entries is not that of the lists.
+    ``count`` is the number of lists, by default as many as there are. Return the length of each
+    list,
+    (count,), and the concatenated entries of the lists, (n - count,). ValueError if the number of
+    entries is not that of the lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):

@@ -32,14 +32,14 @@ from abfm.types import FloatArray, IndexArray
 
 FloatImage = NDArray[np.float32]
 GREY = 0.5
-_STEP = 1.5  # of a streamline, in grains
+_STEP = 1.5  # step of a streamline, in grains (widths of a noise cell)
 # largest distance, in texels, between places where noise is read and texels are served
 _STRIDE = 1.2
 _RIPPLES = 2
-_PARTS_MIN = 3  # of a step, at which noise is read
+_PARTS_MIN = 3  # least number of parts of a step; noise is read at each
 _CONTRAST = (2, 98)  # percentiles that become black and white
-_SPEED_SHARE_MIN = 1e-9  # of the largest speed; slower fields have no direction
-# share of the area that is slower than the speed of full contrast, with fading
+_SPEED_SHARE_MIN = 1e-9  # below this share of the largest speed, a field has no direction
+# share of the area that is slower than the speed of full contrast, if the contrast fades
 _SLOW_AREA_SHARE = 0.98
 _GRAIN_TEXELS_MIN = 1.5
 _CONTRAST_STRIDE = 7  # texels between the samples that determine the contrast
@@ -155,7 +155,7 @@ class Streamlines(NamedTuple):
     step: float
     parts: int  # parts of a step, after each of which a texel is served
     calm: float  # largest speed without a direction
-    seed: int  # of the noise
+    seed: int  # seed of the noise
 
 
 class Track(NamedTuple):
@@ -200,8 +200,8 @@ def follow(
 ) -> Walker:
     """Follow a streamline for some steps, ahead (1) or back (-1), and record its track.
 
-    Beyond its end the noise continues straight in space, so that all streamlines have the same
-    amount of noise.
+    Beyond the end of the streamline the noise continues straight in space, so that all streamlines
+    have the same amount of noise.
     """
     flow, charts, size, parts = lines.flow, lines.charts, lines.size, lines.parts
     place, step, calm = track.place, ahead * lines.step, lines.calm
@@ -269,7 +269,7 @@ def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
 
 @kernel
 def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
-    """Return the product of a row of weights and the noise from a start, in four lanes."""
+    """Return the product of a row of weights and the noise from a start, summed in four lanes."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     count = weights.shape[1]
     whole = (count // 4) * 4
@@ -335,7 +335,7 @@ def grow(
     lengths: tuple[int, int],
     met: tuple[Track, IndexArray],
 ) -> int:
-    """Extend a streamline to one side, by half the window and while it meets enough new texels."""
+    """Extend a streamline to one side by half the window, and further while it meets new texels."""
     half, most = lengths
     track, nearest = met
     known, steps = 0, _CHUNK
@@ -400,7 +400,10 @@ def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
 
 @kernel
 def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
-    """Compute the barycentric weights of a texel's centre; return whether it is in its face."""
+    """Compute the barycentric weights of the centre of a texel.
+
+    Return whether it is in its face.
+    """
     f = lines.owners[texel]
     corners = lines.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -434,7 +437,7 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
     """Move a place near face ``f`` into the face behind an edge, or to the edge.
 
-    Returns the face.
+    Return the face.
     """
     c, flow = 0, lines.flow
     for i in range(1, 3):

@@ -15,9 +15,9 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 SIZE_MAX = 16384  # texels along a side that graphics cards support
-_MARGIN = 0.5  # from the legs to the rectangle's sides: texel centres lie on the legs
+_MARGIN = 0.5  # texels from the legs to the rectangle's sides: texel centres lie on the legs
 _RECTANGLE_SIDE_MIN = 4  # side of a rectangle whose triangles have legs of one texel
-_BISECTIONS = 14  # of the texel length
+_BISECTIONS = 14  # bisections to find the texel length
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,7 @@ Rename = Callable[[str], str]
 def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     """Return a function that parses the value of a parameter or raises ParameterError.
 
-    If the parameter is optional, "auto" is parsed as None.
+    If the parameter is optional, the function parses "auto" as None.
     """
     entry = FIELDS[name]
     noun = f"{'an integer' if is_integer(entry) else 'a number'}{' or auto' * is_optional}"
@@ -82,7 +82,10 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
 
 
 def hint(text: str) -> str:
-    """Return advice on how to write a number if the text contains a comma."""
+    """Return advice on how to write a number, if a text contains a comma.
+
+    Otherwise an empty text.
+    """
     return "; use a decimal point and no thousands separators" if "," in text else ""
 
 
@@ -131,7 +134,6 @@ class Input:
 
 
 def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
-    """Return a dictionary of inputs by name."""
     return {each.name: each for each in inputs}
 
 
@@ -141,14 +143,9 @@ def parameter_inputs(
     """Return one input for each parameter.
 
     If the default of a parameter is chosen automatically, its input also accepts "auto".
-
-    Parameters
-    ----------
-    defaults : mapping, optional
-        Parameters and their defaults; None if the solver chooses the default. By default all
-        parameters.
-    help : mapping of str, optional
-        Help texts that replace those of the parameters.
+    ``defaults``
+    has the parameters, by default all, and their defaults; None if the solver chooses the default.
+    ``help`` has texts that replace the help of parameters.
     """
     inputs = []
     for name, value in (defaults or Parameters().to_dict()).items():
@@ -282,7 +279,6 @@ def _channel(text: str) -> tuple[str, str, float]:
 
 
 def channel_weight(text: str) -> float:
-    """Return the weight of a channel, its last word."""
     try:
         return float(parse_number(text))
     except ValueError:
@@ -305,7 +301,6 @@ def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> 
 
 
 def function_input(name: str, help: str) -> Input:
-    """Return the input of a function specification, see `abfm.function`."""
     return Input(
         name=name,
         help=help,
@@ -351,7 +346,7 @@ def channel_input(
 
 
 def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
-    """Return the inputs that `channels` uses; the arguments are the help of source and target."""
+    """Return the inputs that `channels` uses; ``source`` and ``target`` are their help texts."""
     return (
         function_input("source", source),
         function_input("target", target),
@@ -394,7 +389,7 @@ MESH_INPUTS = tuple(
 
 
 def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
-    """Return the options of loading meshes that are among the values, by name."""
+    """Return the options of loading meshes among the values."""
     names = {option(entry.name): entry.name for entry in fields(MeshOptions)}
     return MeshOptions(**{names[name]: values[name] for name in names if name in values})
 

@@ -40,11 +40,9 @@ def preview_of(
 
 
 class Result(Protocol):
-    """Protocol of the results of tasks."""
-
     @property
     def facts(self) -> Facts:
-        """Facts that every view reports."""
+        """Facts of the result for reports, pages and panels."""
 
     def save(self, path: File) -> None:
         """Write the file, completely or not at all."""

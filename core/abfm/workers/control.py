@@ -18,7 +18,8 @@ class CancelledError(Exception):
 class Control:
     """Pause, resume or cancel a `match` from another thread.
 
-    It takes effect within one evaluation of the energy. ``cancelled`` is true after `cancel`, and
+    A change takes effect within one evaluation of the energy. ``cancelled`` is true after `cancel`,
+    and
     ``skip_checks`` is its argument.
     """
 
@@ -31,11 +32,10 @@ class Control:
 
     @property
     def paused(self) -> bool:
-        """Whether the work is paused."""
         return not self._running.is_set()
 
     def pause(self) -> None:
-        """Pause the work before its next evaluation."""
+        """Pause the work before its next evaluation of the energy."""
         self.set_paused(True)
 
     def resume(self) -> None:
@@ -43,7 +43,6 @@ class Control:
         self.set_paused(False)
 
     def set_paused(self, paused: bool) -> None:
-        """Pause or resume the work."""
         with self._lock:
             if not paused:
                 self._running.set()

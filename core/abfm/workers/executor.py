@@ -1,4 +1,4 @@
-"""Subprocesses as a `concurrent.futures.Executor`, and a loop over the results of any executor."""
+"""Subprocesses as a `concurrent.futures.Executor`, and a loop over results of any executor."""
 
 from __future__ import annotations
 
@@ -26,20 +26,16 @@ Each call then takes one core, and sums do not depend on the number of threads.
 ENDED_MESSAGE = "the process has ended"
 CALLS_SUBMITTED_MAX = 2000
 """Calls submitted at once: more than there are workers, and few enough to cancel quickly."""
-_POLL_SECONDS = 0.1  # between two calls of `is_wanted`
+_POLL_SECONDS = 0.1  # time between two calls of `is_wanted`
 
 
 class Processes(Executor):
     """Subprocesses on this machine, each of which computes in one thread.
 
-    A process starts when a call first needs it. If a process dies, its call raises
-    `WorkerEndedError`; other calls are not affected, and the next call starts another process.
-    Steps of calls are reported to the thread that submitted them.
-
-    Parameters
-    ----------
-    count : int
-        Largest number of processes.
+    At most ``count`` processes run; a process starts when a call first needs it. If a process dies,
+    its call raises `WorkerEndedError`; other calls are not affected, and the next call starts
+    another
+    process. Steps of calls are reported to the thread that submitted them.
     """
 
     def __init__(self, count: int) -> None:
@@ -82,18 +78,12 @@ def completed(
 ) -> Iterator[tuple[Task, Future[Result]]]:
     """Submit tasks and yield each with its future when it completes, while ``is_wanted``.
 
-    Calls that are still running at the end are not cancelled.
-
-    Parameters
-    ----------
-    submit : callable
-        Submits a task to an executor.
-    tasks : deque
-        Tasks, submitted from the left. Tasks added during the iteration are also submitted.
-    is_wanted : callable
-        Whether to continue; called before each submission, and ten times a second.
-    submitted_max : int
-        Largest number of tasks submitted at once.
+    ``submit`` submits a task to an executor, at most ``submitted_max`` tasks at once. The deque
+    ``tasks`` is submitted from the left, with tasks that are added during the iteration.
+    ``is_wanted``
+    is called before each submission, and ten times a second. Calls that are still running at the
+    end
+    are not cancelled.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():

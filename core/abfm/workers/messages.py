@@ -22,14 +22,14 @@ def sent_by_name(named: Type) -> Type:
 
 
 class Parcel(NamedTuple):
-    """A pickled value with named values left out, and pickles of those that the receiver lacks."""
+    """A pickled value without its named values, and pickles of those that the receiver lacks."""
 
     content: bytes
     names: tuple[str, ...]
     values: dict[str, bytes]
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the value, and its named values, which are ``known`` or sent along."""
+        """Return the value and its named values, which are in ``known`` or in the parcel."""
         received = {name: pickle.loads(content) for name, content in self.values.items()}
         named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))
@@ -56,7 +56,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, Any]]:
-    """Return a parcel for a receiver with known names, and the named values of the content."""
+    """Return a parcel for a receiver with ``known`` names, and the named values in the value."""
     file, named = io.BytesIO(), dict[str, Any]()
     pickler = _Pickler(file, protocol=5)
     pickler.named = named

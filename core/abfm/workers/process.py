@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import IO, Any
 
-_LENGTH_BYTES = 8  # of the length before each message
+_LENGTH_BYTES = 8  # size of the length before each message
 _running: weakref.WeakSet[subprocess.Popen[bytes]] = weakref.WeakSet()
 
 
@@ -68,7 +68,7 @@ class ChildProcess:
         return self._process.poll() is not None
 
     def send(self, message: object) -> None:
-        """Send one message; raise ProcessEndedError if the process has ended."""
+        """Send one message; ProcessEndedError if the process has ended."""
         assert self._process.stdin is not None
         try:
             _send(self._process.stdin, message)
@@ -76,7 +76,7 @@ class ChildProcess:
             raise ProcessEndedError from error
 
     def receive(self) -> Any:
-        """Wait for one message; other threads continue. Raise ProcessEndedError if none comes."""
+        """Wait for one message while other threads continue; ProcessEndedError if none arrives."""
         try:
             with self._receiving:
                 return _receive(self._read)
@@ -104,7 +104,7 @@ class Requests:
                 yield _receive(self._requests.readinto)
 
     def answer(self, message: object) -> None:
-        """Send one message; raise BrokenPipeError if the parent has ended."""
+        """Send one message; BrokenPipeError if the parent has ended."""
         _send(self._answers, message)
 
 
@@ -116,12 +116,12 @@ def _send(pipe: IO[bytes], message: object) -> None:
 
 
 def _receive(read: Callable[[memoryview], int]) -> Any:
-    """Read one message; ``read`` fills at least the beginning of a buffer."""
+    """Read one message; a call of ``read`` fills at least the beginning of a buffer."""
     return pickle.loads(_read_exactly(read, int.from_bytes(_read_exactly(read, _LENGTH_BYTES))))
 
 
 def _read_exactly(read: Callable[[memoryview], int], size: int) -> memoryview:
-    """Read so many bytes; raise EOFError if there are fewer."""
+    """Read ``size`` bytes; raise EOFError if there are fewer."""
     content, start = memoryview(bytearray(size)), 0
     while start < size:
         if not (count := read(content[start:])):

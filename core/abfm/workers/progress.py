@@ -21,9 +21,9 @@ from abfm.workers.control import checkpoint
 
 Item = TypeVar("Item")
 
-# rates of works below this share of the largest measured work do not predict large works
+# rates measured at a smaller share of the largest measured work do not predict large works
 _WORK_SHARE_MIN = 0.25
-_SECONDS_MIN = 1e-3  # shorter steps measure only the clock
+_SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coarse
 _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 
@@ -48,7 +48,7 @@ class Step:
     began: float = field(default_factory=time.monotonic)
 
     def share(self, now: float | None = None) -> float | None:
-        """Return the completed share, 0 to 1, at a time; it never falls, and is None if unknown."""
+        """Return the completed share, 0 to 1, at a time; None if it is unknown. It never falls."""
         if self.done is not None or self.expected is None:
             return self.done
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
@@ -66,11 +66,11 @@ class Step:
         return self.expected - elapsed
 
     def started_now(self) -> Step:
-        """Return the same step as started now; another process may have another clock."""
+        """Return the same step as if it started now; another process may have another clock."""
         return replace(self, began=time.monotonic())
 
     def text(self, now: float | None = None) -> str:
-        """Return the step with its remaining or elapsed time if it takes two seconds or more."""
+        """Return the step as text; after two seconds, with its remaining or elapsed time."""
         remaining, elapsed = self.seconds_remaining(now), self._elapsed(now)
         if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
             return f"{self.task}, about {rounded_time(remaining)} left"
@@ -136,16 +136,9 @@ def step(
 ) -> Iterator[Callable[[float], None]]:
     """Report a step while the context lasts; yield a function to report its completed share.
 
-    Parameters
-    ----------
-    task : str
-        Name of the step.
-    work : float, optional
-        Amount of work, in a unit of the task.
-    about : str
-        Added to the name in reports, for example the size.
-    since : float, optional
-        Start, by `time.monotonic`, if not now.
+    ``work`` is the amount of work in a unit of the task. ``about`` is added to the name in reports,
+    for
+    example the size. ``since`` is the start by `time.monotonic`, by default now.
     """
     known = _rates.get(task)
     expected = known[0] * work if known and work else None
@@ -188,7 +181,7 @@ def _counted(items: Collection[Item], done: Callable[[float], None]) -> Iterator
 
 
 def _store_rate(task: str, rate: float, work: float) -> None:
-    """Store the rate of a large work; small works on a busy machine do not predict it."""
+    """Store the rate of a large work; rates of small works on a busy machine do not predict it."""
     if rate * work < _SECONDS_MIN:
         return
     with _lock:

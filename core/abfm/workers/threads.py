@@ -18,10 +18,9 @@ _Job = Callable[[], None]
 
 
 class DaemonThreads(Executor):
-    """An executor with as many threads as there are jobs at once, so no job waits for another.
+    """An executor with as many threads as there are jobs at once, so that no job waits for another.
 
-    The threads of `concurrent.futures.ThreadPoolExecutor` keep a program from ending while they
-    work.
+    It lets a program end during jobs, unlike `concurrent.futures.ThreadPoolExecutor`.
     """
 
     def __init__(self, name: str) -> None:

@@ -53,9 +53,11 @@ class Call(Generic[Result]):
     def result(self, on_report: Callable[[Any], object] = lambda report: None) -> Result:
         """Wait for the return value, or raise the error of the function.
 
-        Meanwhile steps and warnings of the library are reported as if they came from this thread.
-        The control of this thread pauses and cancels the call, and ``on_report`` receives the
-        reports. A call is cancelled if waiting for it is interrupted.
+        Meanwhile steps and warnings of the library are reported as if they were of this thread. The
+        control
+        of this thread pauses and cancels the call, and ``on_report`` receives the reports. A call
+        is
+        cancelled if waiting for it is interrupted.
         """
         control, is_over = current_control(), False
 
@@ -97,16 +99,12 @@ class Worker(Generic[State]):
     """Calls functions one after the other in a subprocess, with the state as the first argument.
 
     The process starts with the first call, and again with the next call if it has ended. It ends
-    when the worker is closed or garbage-collected.
-
-    Parameters
-    ----------
-    make_state : callable
-        Makes the state in the process. Like all functions, it must be importable there.
-    ended_message : str
-        Message of the `WorkerEndedError` if the process has ended.
-    environment : mapping, optional
-        Changed environment variables of the process.
+    when the worker is closed or garbage-collected. ``make_state`` makes the state in the process.
+    Like
+    all functions, it must be importable there. ``ended_message`` is the message of the
+    `WorkerEndedError` if the process has ended. ``environment`` has changed environment variables
+    of
+    the process.
     """
 
     def __init__(
@@ -162,19 +160,17 @@ class Worker(Generic[State]):
 
     @property
     def is_idle(self) -> bool:
-        """Whether no call is running or waiting."""
         return self._connection is None or not self._connection.is_awaited
 
     @property
     def pid(self) -> int | None:
-        """The process id; None before the process starts."""
         connection = self._connection
         return connection.process.pid if connection else None
 
     def close(self) -> None:
-        """End the process at once and refuse further calls; waiting calls fail.
+        """End the process at once and refuse further calls.
 
-        They raise WorkerEndedError.
+        Waiting calls raise WorkerEndedError.
         """
         with self._lock:
             self._closed = True
@@ -232,7 +228,6 @@ class _Connection:
         self._send_updates()
 
     def answer(self, call: Call[Any]) -> Answer:
-        """Wait for the next answer to a call."""
         while True:
             with self._arrived:
                 while self._is_reading and not call.answers:
@@ -267,7 +262,7 @@ class _Connection:
                 self._sending.release()
 
     def _distribute(self, answers: list[Answer]) -> None:
-        """Give each answer to its call, and steps also to all later calls, which wait for it."""
+        """Pass each answer to its call, and steps also to all later calls, which wait for it."""
         for answer in answers:
             is_step = answer.kind == "step"
             if is_step:
@@ -284,10 +279,11 @@ def report(content: object) -> None:
 
 
 class Server:
-    """The process: one thread computes, one answers, and this one reads requests.
+    """The main loop of the process: it reads requests, one thread computes, and one answers.
 
-    It ends if the parent ends or if there is no memory. The first message makes the state that all
-    functions get.
+    The process ends if the parent ends or if there is no memory. The first message makes the state
+    that
+    all functions receive.
     """
 
     def __init__(self) -> None:
@@ -300,7 +296,7 @@ class Server:
         self._urgent = threading.Event()
 
     def run(self) -> None:
-        """Read messages until the parent ends, then end the process, even during a computation."""
+        """Read messages until the parent ends; then end the process, even during a computation."""
         warnings.simplefilter("always", AbfmWarning)
         warnings.showwarning = partial(_show_warning, warnings.showwarning)
         for work in (self._compute, self._send):
