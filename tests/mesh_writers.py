@@ -85,7 +85,6 @@ STL_WRITERS = {"binary.stl": "stl", "ascii.stl": "stl_ascii"}
 
 
 def off_file(path, mesh):
-    """Write a mesh as OFF, and return the path."""
     return write(path.parent, path.name, off_text(mesh.vertices, mesh.faces))
 
 

@@ -181,7 +181,6 @@ def key(nodeid):
 
 
 def read_snapshot():
-    """Return the texts of each test in each module."""
     lines = defaultdict(lambda: defaultdict(list))
     module = ""
     if SNAPSHOT.is_file():
@@ -195,7 +194,6 @@ def read_snapshot():
 
 
 def write_snapshot(lines):
-    """Write the texts, sorted by module and test."""
     parts = [_HEADER]
     for module, tests in sorted(lines.items()):
         found = [f"{test} {text}" for test, texts in sorted(tests.items()) for text in texts]

@@ -238,7 +238,6 @@ def project(tmp_path):
 
 
 def program(path, command):
-    """Write an executable shell script."""
     path.write_text(f"#!/bin/sh\n{command}\n")
     path.chmod(stat.S_IRWXU)
 

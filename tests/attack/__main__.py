@@ -38,7 +38,6 @@ def attack(parts, seconds, seed, workers):
 
 
 def main():
-    """Run the program; return its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
     add = parser.add_argument
     add("--minutes", type=float, default=10, help="how long (default: 10)")

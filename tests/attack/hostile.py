@@ -30,7 +30,6 @@ _VTK = '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><FieldData>{}</FieldD
 
 
 def hostile(chance):
-    """Return a hostile specimen and its name."""
     name = chance.choice(list(HOSTILE))
     specimen = HOSTILE[name](chance)
     return replace(specimen, content=specimen.content[:LARGEST]), name

@@ -56,7 +56,6 @@ class Specimen:
 
 @cache
 def specimens():
-    """Return all specimens, by name."""
     meshes = {name: write(SPHERE.vertices, SPHERE.faces) for name, (write, _) in WRITERS.items()}
     meshes |= {n: exported(SPHERE.vertices, SPHERE.faces, kind) for n, kind in STL_WRITERS.items()}
     meshes |= {f"legacy-{n}.vtk": legacy(*form) for n, form in enumerate(FORMS)}

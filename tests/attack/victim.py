@@ -93,7 +93,6 @@ class Victim(contextlib.ExitStack):
 
 
 def put(specimen, folder):
-    """Write the files of a specimen into a new folder."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for name, content in {**specimen.companions, specimen.name: specimen.content}.items():

@@ -53,10 +53,7 @@ def relative_error(mesh, values, exact):
 
 
 def last_order(errors):
-    """Return exponents p in ``error ~ edge length^p`` between the two finest meshes.
-
-    Each mesh has half the edge length of the previous one.
-    """
+    """Return p in ``error ~ edge length^p`` between the last two meshes, of halving edge length."""
     coarse, fine = np.asarray(errors)[-2:]
     return np.asarray(np.log2(coarse / fine))
 
@@ -67,10 +64,7 @@ def moved(mesh, rotation, scale=1.0):
 
 
 def renumbered(mesh, seed):
-    """Return the mesh with another order of vertices, faces and corners.
-
-    The other results are the old numbers of vertices and faces.
-    """
+    """Return the mesh in another order of vertices, faces and corners, and the old numbers."""
     rng = np.random.default_rng(seed)
     vertices, faces = rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
     corners = (np.arange(3) + rng.integers(3, size=len(faces))[:, None]) % 3

@@ -158,8 +158,7 @@ def test_star_import_does_not_replace_modules():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["abfm.flow.flow", "abfm.io.bids_names", "abfm.matching.match", "abfm.matching.problem"],
+    "name", ["abfm.flow.flow", "abfm.io.bids_names", "abfm.matching.match", "abfm.matching.problem"]
 )
 def test_examples_of_docstrings_run(name):
     found = doctest.testmod(import_module(name))

@@ -4,10 +4,7 @@ import numpy as np
 
 
 def taylor_order(evaluate, x, direction):
-    """Return the smallest observed order of the Taylor remainder of an energy.
-
-    The remainder is ``|E(x + e d) - E(x) - e <g, d>|`` for e = 1, 1/2, 1/4, 1/8.
-    """
+    """Return the smallest order of ``|E(x + e d) - E(x) - e <g, d>|`` for e = 1, 1/2, 1/4, 1/8."""
     value, gradient = evaluate(x)
     slope = float((gradient * direction).sum())
     lengths = 0.5 ** np.arange(4)

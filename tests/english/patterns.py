@@ -78,5 +78,4 @@ def violations(words: str) -> Iterator[tuple[str, str, str]]:
 
 
 def sentences(words: str) -> list[str]:
-    """Return the sentences of a paragraph."""
     return re.split(r"(?<=[.!?])[\"')\]]*\s+(?=[A-Z\"'`(\[])", words)

@@ -24,10 +24,7 @@ _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
 @pytest.fixture(scope="session", autouse=True)
 def _frames_without_pixels():
-    """Compute pixels only for pictures and clicks.
-
-    Without a graphics card, pixels take most of the time of a frame.
-    """
+    """Compute pixels only for pictures and clicks, since they take most of the time of a frame."""
     if sys.platform != "linux":
         yield
         return
@@ -82,10 +79,7 @@ def endless():
 
 @pytest.fixture
 def gui(tmp_path, request):
-    """Return the app on an egg with its default functions.
-
-    The window is small unless the test module defines WINDOW.
-    """
+    """Return the app on an egg with default functions; a module may define its WINDOW size."""
     with Driver(EGG, size=getattr(request.module, "WINDOW", SIZE)) as gui:
         gui.window.dialogs.folder = tmp_path
         # tests need a constant time
@@ -128,7 +122,6 @@ class Desk:
         )
 
     def wait(self, condition):
-        """Update until a condition holds."""
         until(condition, self)
 
     def update(self):

@@ -40,19 +40,13 @@ _XYZ = np.array(
 
 
 def contrast(one, other):
-    """Return the contrast of sRGB colours, each channel from 0 to 1.
-
-    It is 1 for the same colour, and 21 for black on white.
-    """
+    """Return the contrast of sRGB colours (0 to 1): 1 for equal ones, 21 for black on white."""
     dark, light = sorted((_luminance(one), _luminance(other)))
     return (light + 0.05) / (dark + 0.05)
 
 
 def difference(one, other, sight):
-    """Return the distance of sRGB colours in CIELAB, in one of the kinds of vision in `SIGHTS`.
-
-    It is 100 for black and white.
-    """
+    """Return the CIELAB distance of sRGB colours in a kind of vision; black and white have 100."""
     return float(np.linalg.norm(_lab(one, sight) - _lab(other, sight)))
 
 

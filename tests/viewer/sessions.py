@@ -73,10 +73,7 @@ def stepped(match, shares=(0.3, 0.7)):
 
 
 def drawn_texts(gui, monkeypatch, method):
-    """Return a function that draws a frame and returns the texts written by a method of `Ui`.
-
-    Each text comes with the name of its colour.
-    """
+    """Return a function that draws a frame and returns texts of a method of `Ui` and colours."""
     texts, write = [], getattr(Ui, method)
 
     def write_and_record(ui, text, kind="muted", *more, **others):
@@ -137,16 +134,12 @@ def cancel(gui):
 
 
 def take_back(gui):
-    """Undo every step."""
     while gui.session.editor.undo_label:
         gui.key("ctrl+z")
 
 
 def restart(gui, document=None):
-    """Start the next step of a tour with a document, as if it had just been opened.
-
-    The default is the current document.
-    """
+    """Start a tour's next step with a document, by default the current one, as if just opened."""
     gui.session.solver.cancel()
     gui.wait(lambda s: not s.solver.running)
     for card in gui.session.notices.cards:

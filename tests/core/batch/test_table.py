@@ -115,10 +115,7 @@ def test_decimal_commas_are_numbers():
             ("x", 2, "source"),
         ),
         ("mesh,source\nm.off,gaussian:vertex=1,width=2\n", ()),
-        (
-            "source,target\ncurvature:mean,curvature:mean\n",
-            (1,),
-        ),
+        ("source,target\ncurvature:mean,curvature:mean\n", (1,)),
         ('mesh,source\nm.off,"x\n', (2,)),
         ("mesh,source,target\nm\0.off,coordinate:x,coordinate:y\n", (2, "UTF-8")),
         (

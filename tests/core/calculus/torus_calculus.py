@@ -1,8 +1,8 @@
 """Exact calculus in the angles of a torus: ``u`` about the z axis, ``v`` around the tube.
 
-The meshes of `tests.shapes.torus` vary smoothly, so they show the orders of convergence without the
-irregular vertices of a sphere. A field is given by its components ``a d/du + b d/dv``. In these
-components the Lie bracket is ``[X, Y] = X(Y) - Y(X)``.
+The meshes of `tests.shapes.torus` vary smoothly, without the irregular vertices of a sphere, so
+they show orders of convergence. A field is ``a d/du + b d/dv``. In these components, the Lie
+bracket is ``[X, Y] = X(Y) - Y(X)``.
 """
 
 import numpy as np
@@ -14,7 +14,6 @@ MAJOR, MINOR = 1.0, 0.4
 
 
 def refined(levels, coarsest=24):
-    """Return tori of halving edge length."""
     counts = [coarsest * 2**level for level in range(levels)]
     return [torus(count, count // 2, MAJOR, MINOR) for count in counts]
 
@@ -26,10 +25,7 @@ def angles(points):
 
 
 def ring(v):
-    """Return the distance from the z axis, which is the length of ``d/du``.
-
-    The length of ``d/dv`` is ``MINOR``.
-    """
+    """Return the distance from the z axis: the length of ``d/du``. That of ``d/dv`` is MINOR."""
     return MAJOR + MINOR * np.cos(v)
 
 

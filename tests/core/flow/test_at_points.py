@@ -17,7 +17,6 @@ def tangential(mesh, vectors):
 
 
 def error_of_rotation(level):
-    """Return the largest error of a rotation at points of a sphere."""
     mesh = icosphere(level)
     points = points_by_area(mesh, 500)
     field = tangential(mesh, np.cross([0, 0, 1.0], mesh.vertices[mesh.faces].mean(axis=1)))
@@ -63,7 +62,6 @@ def test_geodesics_of_the_plane_are_straight(scale):
 
 
 def error_of_great_circles(level):
-    """Return the largest error of geodesics on a sphere."""
     mesh = icosphere(level)
     start = points_by_area(mesh, 300)
     begin = start.positions / np.linalg.norm(start.positions, axis=1, keepdims=True)

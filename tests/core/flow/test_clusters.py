@@ -37,10 +37,7 @@ def edge_graph(mesh, chosen=...):
 
 
 def knotted(mesh, count, gap, seed=0):
-    """Return the mesh with two rings of neighbours drawn to some vertices, which makes slivers.
-
-    No two edges have the same length.
-    """
+    """Return the mesh with slivers: two rings of neighbours are drawn to some vertices."""
     rng = np.random.default_rng(seed)
     size = 0.02 * mesh.length_scale / np.sqrt(len(mesh.vertices))
     vertices = mesh.vertices + size * rng.normal(size=mesh.vertices.shape)
@@ -87,7 +84,7 @@ def some_clusters(mesh, kind):
 
 
 def check_partition(mesh):
-    """Check that clusters have consecutive labels, are connected and have usual rates.
+    """Check that labels are consecutive, clusters connected, and rates usual inside clusters.
 
     Each cluster of several vertices contains a vertex whose own rate is too large.
     """

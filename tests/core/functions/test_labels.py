@@ -123,11 +123,7 @@ def test_label_file_is_a_function(tmp_path):
     assert (found.names, found.vertices.tolist()) == (("value",), [5, 0, 7])
     assert found.values.tolist() == [[2.5], [-1], [1]]
     path.write_text(LIST.replace("7 0", f"{COUNT} 0"))
-    for options, named in (
-        ("", (COUNT, 0)),
-        (",column=2", ("value",)),
-        (",label=V1", ()),
-    ):
+    for options, named in (("", (COUNT, 0)), (",column=2", ("value",)), (",label=V1", ())):
         with raises(FunctionError, *named):
             function(MESH, f"file:{path}{options}")
 

@@ -104,10 +104,7 @@ PLACED = {
     "series": (pandas.Series(X), X),
     "permuted series": (pandas.Series(X[ORDER], index=ORDER), X),
     "some vertices": (pandas.Series(X)[X > 0], np.where(X > 0, X, np.nan)),
-    "missing numbers": (
-        pandas.Series(X, dtype="Float64").where(X > 0),
-        np.where(X > 0, X, np.nan),
-    ),
+    "missing numbers": (pandas.Series(X, dtype="Float64").where(X > 0), np.where(X > 0, X, np.nan)),
     "frame": (pandas.DataFrame({"x": X, "y": Y}), np.stack([X, Y], axis=1)),
     "permuted frame": (
         pandas.DataFrame({"x": X[ORDER], "y": Y[ORDER]}, index=ORDER),

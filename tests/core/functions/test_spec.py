@@ -332,12 +332,7 @@ def test_any_formula_is_finite_or_refused(formula):
 
 @pytest.mark.parametrize(
     ("formula", "named"),
-    [
-        ("x*sin", ()),
-        ("sin(cos)", ()),
-        ("x + \udcff", (4, 0)),
-        ("sin(x, y=1)", ()),
-    ],
+    [("x*sin", ()), ("sin(cos)", ()), ("x + \udcff", (4, 0)), ("sin(x, y=1)", ())],
 )
 def test_invalid_formulas_are_refused(formula, named):
     with raises(FunctionError, *named):

@@ -38,9 +38,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        *("a.surf.gii", "a.gii", "a.surf.gii.gz", "a.ply", "lh.white", "rh.sphere.reg", "LH.PIAL"),
-    ],
+    [*("a.surf.gii", "a.gii", "a.surf.gii.gz", "a.ply", "lh.white", "rh.sphere.reg", "LH.PIAL")],
 )
 def test_surfaces_round_trip(tmp_path, name):
     shape = torus(9, 7)

@@ -176,10 +176,7 @@ def test_damage_is_detected(path):
 
 def test_invalid_arrays_are_not_saved(path):
     nans = result_arrays() | {"velocity": np.full((1, 18, 3), np.nan)}
-    with raises(
-        ResultError,
-        "m.npz",
-    ):
+    with raises(ResultError, "m.npz"):
         save_arrays(path, nans)
     with raises(ResultError):
         save_arrays(path, result_arrays() | {"colour": np.ones(3)})

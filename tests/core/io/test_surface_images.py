@@ -76,10 +76,7 @@ def test_invalid_parts_are_named():
     with raises(MeshError, "left", 2):
         from_surface_image(image)
     mesh = SimpleNamespace(coordinates=LEFT.vertices, faces=LEFT.faces)
-    for values, named in (
-        ({"left": np.array(["a"])}, ""),
-        ({}, "left"),
-    ):
+    for values, named in (({"left": np.array(["a"])}, ""), ({}, "left")):
         parts = SimpleNamespace(
             mesh=SimpleNamespace(parts={"left": mesh}), data=SimpleNamespace(parts=values)
         )
@@ -94,10 +91,7 @@ def test_invalid_parts_are_named():
         ({"top": (LEFT, np.ones(42))}, ()),
         ({"left": (LEFT, np.ones(41))}, ("left", "(41,)", "(42,)", 42)),
         ({"left": (LEFT, np.ones((42, 1, 1)))}, ("(42, 1, 1)",)),
-        (
-            {"left": (LEFT, np.ones(42)), "right": (RIGHT, np.ones((40, 2)))},
-            ("(42,)", "(40, 2)"),
-        ),
+        ({"left": (LEFT, np.ones(42)), "right": (RIGHT, np.ones((40, 2)))}, ("(42,)", "(40, 2)")),
     ],
 )
 def test_inconsistent_parts_are_refused(parts, named):

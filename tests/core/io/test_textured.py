@@ -76,12 +76,7 @@ def test_failed_write_keeps_existing_files(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "named"),
-    [
-        ("a.ply", (".obj", ".glb")),
-        ("a#1.obj", ()),
-        ("a\n.obj", ()),
-        ("a  b.obj", ()),
-    ],
+    [("a.ply", (".obj", ".glb")), ("a#1.obj", ()), ("a\n.obj", ()), ("a  b.obj", ())],
 )
 def test_invalid_names_are_refused(tmp_path, name, named):
     with raises(ResultError, *named):

@@ -52,14 +52,7 @@ def test_directions_of_moved_spheres():
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("mesh"),
-    [
-        (ellipsoid(2, 1, 1, 1.2)),
-        (torus(12, 8)),
-        (square(4)),
-    ],
-)
+@pytest.mark.parametrize(("mesh"), [(ellipsoid(2, 1, 1, 1.2)), (torus(12, 8)), (square(4))])
 def test_other_meshes_are_refused(mesh):
     assert not is_sphere(mesh)
     with raises(AbfmError):

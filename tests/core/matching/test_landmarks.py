@@ -164,10 +164,7 @@ def test_landmarks_survive_files_and_pickling(matched, tmp_path):
     arrays = results.load_arrays(tmp_path / "m.npz")
     assert np.array_equal(arrays["landmark_errors"], matched.landmark_errors)
     matched.problem.save(tmp_path / "p.npz")
-    for other in (
-        abfm.load(tmp_path / "p.npz"),
-        pickle.loads(pickle.dumps(matched.problem)),
-    ):
+    for other in (abfm.load(tmp_path / "p.npz"), pickle.loads(pickle.dumps(matched.problem))):
         assert other.digest == matched.problem.digest
         assert other.landmarks.mesh is other.mesh.normalized()
         near(other.landmarks.initial_errors, matched.problem.landmarks.initial_errors, 0)

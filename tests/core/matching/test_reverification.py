@@ -45,10 +45,7 @@ def test_saved_match_agrees_with_its_field(found, tmp_path):
     assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
     # rounding to single precision, and a difference as between two schemes
     single = reloaded(
-        found,
-        tmp_path / "m.npz",
-        advected=np.float32,
-        residual=lambda residual: residual - 0.004,
+        found, tmp_path / "m.npz", advected=np.float32, residual=lambda residual: residual - 0.004
     )
     assert single.load_warning == ""
 

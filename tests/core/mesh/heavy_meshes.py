@@ -26,7 +26,6 @@ BINARY = "binary_little_endian"
 
 
 def _ply(kind, vertices, faces, corners=CORNERS, xyz=XYZ):
-    """Return the header of a mesh with these numbers of vertices and faces."""
     counts = f"element vertex {vertices}", f"element face {faces}"
     return ply_header(kind, counts[0], *xyz, counts[1], corners)
 
@@ -154,10 +153,7 @@ def _polygons(size, corners, radius, kind):
 
 
 def _fans_of_all(size):
-    """Return polygons of 255 corners among 65,536 vertices of a plane.
-
-    Each triangle needs two bytes.
-    """
+    """Return polygons of 255 corners among 65,536 vertices of a plane, two bytes a triangle."""
     random, count = np.random.default_rng(0), size * 19 // 20 // 511
     x, y = random.integers(-30000, 30000, (2, 65536))
     x[0] = -32000

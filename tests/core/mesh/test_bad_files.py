@@ -15,13 +15,7 @@ import trimesh
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
 from tests.core.mesh.heavy_meshes import HEAVY
-from tests.mesh_writers import (
-    WRITERS,
-    exported,
-    freesurfer_bytes,
-    ply_bytes,
-    write,
-)
+from tests.mesh_writers import WRITERS, exported, freesurfer_bytes, ply_bytes, write
 from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
 
@@ -92,10 +86,7 @@ BAD_FILES = {
     "html.ply": (b"<!DOCTYPE html><html></html>", ("HTML",)),
     "a.csv": (b"1,2\n", ("table",)),
     "lh.V1.label": (b"#!ascii label\n0\n", ()),
-    "lh.minus": (
-        FREESURFER[:20] + struct.pack(">i", -4) + FREESURFER[24:],
-        (-4,),
-    ),
+    "lh.minus": (FREESURFER[:20] + struct.pack(">i", -4) + FREESURFER[24:], (-4,)),
     "lh.beyond": (FREESURFER[:-11] + bytes([9]) + FREESURFER[-10:], ()),
     "lh.nan": (FREESURFER[:28] + b"\xff" * 4 + FREESURFER[32:], ()),
 }

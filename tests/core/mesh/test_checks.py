@@ -66,33 +66,21 @@ REFUSED = {
     "quads": (SHEET, [[0, 1, 3, 2]], ("(1, 4)",)),
     "ragged faces": (SHEET, [[0, 1, 2], [0, 1, 2, 3]], ()),
     "truth values as faces": (TRIANGLE, [[False, True, True]], ("bool",)),
-    "fractional index": (
-        *(SHEET, [[0, 1, 3], [0, 2, 1.5]]),
-        (1, "[0.0, 2.0, 1.5]"),
-    ),
+    "fractional index": (*(SHEET, [[0, 1, 3], [0, 2, 1.5]]), (1, "[0.0, 2.0, 1.5]")),
     "nan index": (TRIANGLE, [[0, 1, np.nan]], ()),
     "infinite index": (TRIANGLE, [[0, 1, np.inf]], ("inf", 3)),
-    "index too large": (
-        *(TRIANGLE, [[0, 1, 2], [1, 2, 3]]),
-        (1, 3, 0),
-    ),
+    "index too large": (*(TRIANGLE, [[0, 1, 2], [1, 2, 3]]), (1, 3, 0)),
     "negative index": (TRIANGLE, [[0, 1, -1]], (-1, 3)),
     "nan": (*with_vertex(7, np.nan), (7, "[nan, nan, nan]")),
     "infinity": (*with_vertex(0, [0, np.inf, 0]), (0, "[0.0, inf, 0.0]")),
     "overflow": (*with_vertex(3, [1e200, 0, 0]), ("1e+200", 3)),
     "underflow": (SPHERE.vertices * 1e-90, SPHERE.faces, ("2e-90",)),
-    "vertex used twice": (
-        *with_faces([3, 4, 3], [9, 9, 9]),
-        (2, 80, 3, 4),
-    ),
+    "vertex used twice": (*with_faces([3, 4, 3], [9, 9, 9]), (2, 80, 3, 4)),
     "line": ([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]], ONE, (1,)),
     "point": (np.ones((3, 3)), ONE, ()),
     "line far away": (TRIANGLE * [1, 1e-12, 1] + 1e6, ONE, ()),
     "same face": (*with_faces(SPHERE.faces[5]), (1, 5, 80)),
-    "same face flipped": (
-        *(SHEET, [[0, 1, 2], [3, 2, 1], [1, 0, 2]]),
-        (0, 2, 1),
-    ),
+    "same face flipped": (*(SHEET, [[0, 1, 2], [3, 2, 1], [1, 0, 2]]), (0, 2, 1)),
     "edge with three faces": (
         *(np.vstack([SHEET, [[0, 0, 1]]]), [[0, 1, 2], [1, 3, 2], [2, 1, 4]]),
         (1, 2, 0),
@@ -277,7 +265,6 @@ def test_too_many_faces_are_refused_early(monkeypatch):
 
 
 def flipped(faces, which):
-    """Return faces of which some are flipped."""
     return np.where(np.asarray(which)[:, None], faces[:, ::-1], faces)
 
 

@@ -282,18 +282,9 @@ def test_mirrored_gltf_node_keeps_coordinates(tmp_path):
         ({"images": [{"bufferView": 9}]}, ("bufferViews[9]",)),
         ({"images": [{"uri": "missing.png"}]}, ("missing.png",)),
         ({"images": [{"uri": "data:image/png;base64,A"}]}, (0, "base64")),
-        (
-            {"texture": {"extensions": {"KHR_texture_transform": {"rotation": 1.0}}}},
-            (),
-        ),
-        (
-            {"texture": {"extensions": {"KHR_texture_transform": {"scale": [1]}}}},
-            (2,),
-        ),
-        (
-            {"texture": {"extensions": {"KHR_texture_transform": {"scale": [1e999, 1]}}}},
-            (),
-        ),
+        ({"texture": {"extensions": {"KHR_texture_transform": {"rotation": 1.0}}}}, ()),
+        ({"texture": {"extensions": {"KHR_texture_transform": {"scale": [1]}}}}, (2,)),
+        ({"texture": {"extensions": {"KHR_texture_transform": {"scale": [1e999, 1]}}}}, ()),
         ({"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1]}}]}, (4,)),
         ({"materials": [{}]}, ()),
         ({"materials": 3}, ()),

@@ -289,10 +289,7 @@ REFUSED_PLY = {
     "no data": (b"ply\nformat ascii 1.0\nelement vertex %d\nend_header\n" % 10**12, ()),
     "negative rows": (ply_text(b"vertex 3", b"vertex -3"), (-3,)),
     "two corners": (ply_text(b"3 0 1 2", b"2 0 1"), (0, 2)),
-    "a large index": (
-        ply_text(b"3 0 1 2", b"3 0 1 99999999999999999999"),
-        ("1e+20", 16),
-    ),
+    "a large index": (ply_text(b"3 0 1 2", b"3 0 1 99999999999999999999"), ("1e+20", 16)),
     "no end": (ply_text(b"end_header", b"comment end_header"), ("PLY",)),
     "a long word": (ply_text(b"ascii", b"a" * 10**5), ("a" * 40,)),
     "no format": (ply_text(b"format ascii 1.0\n", b""), ("missing",)),
@@ -349,7 +346,6 @@ def untangled(random, count):
 
 
 def in_space(random, plane):
-    """Return a plane polygon with a random position and rotation."""
     frame, _ = np.linalg.qr(random.normal(size=(3, 3)))
     return plane @ frame[:2] + random.normal(size=3)
 

@@ -23,10 +23,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def split(mesh, rng, jitter=0.0):
-    """Return vertices and faces with up to three copies of each vertex, in random order.
-
-    The third result is the vertex of the mesh of each copy.
-    """
+    """Return vertices, each with up to three copies in random order, faces, and the originals."""
     corners = np.stack([mesh.faces.ravel(), rng.integers(0, 3, mesh.faces.size)], axis=1)
     pairs, faces = np.unique(corners, axis=0, return_inverse=True)
     order = rng.permutation(len(pairs))

@@ -17,7 +17,6 @@ from tests.processes import python
 
 
 def all_kernels():
-    """Yield the Python functions of all kernels of the library."""
     for module in pkgutil.walk_packages(abfm.__path__, "abfm."):
         if not module.name.endswith("__main__"):
             for value in vars(importlib.import_module(module.name)).values():

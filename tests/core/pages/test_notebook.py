@@ -75,7 +75,6 @@ def found():
 
 
 def frame_of(view):
-    """Return the page in a view."""
     [page] = re.findall(r'srcdoc="([^"]*)"', view)
     return unescape(page)
 

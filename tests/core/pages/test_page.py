@@ -11,16 +11,7 @@ import pytest
 
 import abfm
 from abfm import ParameterError
-from abfm.pages import (
-    Clock,
-    Labels,
-    Layer,
-    Page,
-    Panel,
-    Paths,
-    Span,
-    match_page,
-)
+from abfm.pages import Clock, Labels, Layer, Page, Panel, Paths, Span, match_page
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
 from abfm.pages.packing import Store, quantized

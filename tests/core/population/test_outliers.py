@@ -55,12 +55,7 @@ def test_outlier_does_not_change_other_similarities():
 
 @pytest.mark.parametrize(
     ("outlier", "named"),
-    [
-        (-ALIKE[0], ""),
-        (10 * ALIKE[0], 10),
-        (ALIKE[0] + 4, ""),
-        (np.full(200, 3.0), ""),
-    ],
+    [(-ALIKE[0], ""), (10 * ALIKE[0], 10), (ALIKE[0] + 4, ""), (np.full(200, 3.0), "")],
 )
 def test_reason_names_sign_unit_or_offset(outlier, named):
     found = find_outliers(with_outlier(outlier))

@@ -79,7 +79,6 @@ def names():
 
 @pytest.fixture
 def solved(names):
-    """Return the list of the names of rows that a test solves."""
     names.clear()
     return names
 

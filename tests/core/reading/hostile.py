@@ -13,7 +13,6 @@ from abfm.errors import ResultError
 
 
 def npy(header, data=b"", version=1):
-    """Return a .npy file with a custom header."""
     content = header.ljust(117).encode() + b"\n"
     length = len(content).to_bytes(2 if version == 1 else 4, "little")
     return b"\x93NUMPY" + bytes([version, 0]) + length + content + data

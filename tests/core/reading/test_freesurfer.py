@@ -191,11 +191,7 @@ LARGE = packed(2**31 - 1)
         (freesurfer_annotation, packed(0, 1, 1, 2**31 - 1), (2147483647,)),
         (freesurfer_annotation, packed(0, 1, 1, -5), (-5,)),
         (freesurfer_annotation, packed(0, 1, 1, 0, 0, 256, 0, 0, 0), (0, 255)),
-        (
-            freesurfer_annotation,
-            packed(0, 1, -2, 2, 0, 2) + 2 * packed(1, 0, 0, 0, 0, 0),
-            (1,),
-        ),
+        (freesurfer_annotation, packed(0, 1, -2, 2, 0, 2) + 2 * packed(1, 0, 0, 0, 0, 0), (1,)),
         (freesurfer_label, b"", ()),
         (freesurfer_label, b"#\n1 2\n", ()),
         (freesurfer_label, b"#\n" + b"9" * 5000, (0,)),

@@ -137,10 +137,7 @@ REFUSED_LEGACY = {
         legacy("UNSTRUCTURED_GRID").replace(b"4\n5\n5\n8\n6", b"4\n5\n5\n10\n6"),
         ("tetrahedra",),
     ),
-    "curved": (
-        legacy("UNSTRUCTURED_GRID").replace(b"4\n5\n5\n8\n6", b"4\n5\n5\n23\n6"),
-        (23,),
-    ),
+    "curved": (legacy("UNSTRUCTURED_GRID").replace(b"4\n5\n5\n8\n6", b"4\n5\n5\n23\n6"), (23,)),
 }
 
 

@@ -39,10 +39,7 @@ def vtk_bytes(
     together=False,
     time=None,
 ):
-    """Return a file of points and point data.
-
-    ``form`` is ascii, binary, base64 (appended) or raw.
-    """
+    """Return a file of points and point data; ``form`` is ascii, binary, base64 or raw."""
     appended, texts = b"", []
 
     def declared(name, values):
@@ -85,5 +82,4 @@ def vtk_bytes(
 
 
 def point_data(path, name):
-    """Return an array of point data of a file."""
     return vtk_contents(open_file(path)).point_data[name]

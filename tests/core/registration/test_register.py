@@ -380,11 +380,7 @@ def test_constants_are_not_standardized():
         ({"landmarks": OF_OTHERS}, ParameterError, ()),
         ({"landmarks": (OF_OTHERS.b, OF_OTHERS.b)}, ParameterError, ()),
         ({"f": None, "g": None, "landmarks": [[0, 1]], "weights": [1]}, ParameterError, ()),
-        (
-            {"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2},
-            ParameterError,
-            (),
-        ),
+        ({"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2}, ParameterError, ()),
     ],
 )
 def test_invalid_arguments_are_refused(change, error, named):

@@ -56,7 +56,6 @@ def test_rotating_pattern_gives_the_rotation(pattern, found):
 
 
 def errors_of_rotation(parameters):
-    """Return errors of the field of a known motion, on finer and finer meshes."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -575,11 +574,7 @@ def test_noise_is_estimated_on_a_thresholded_surface():
         (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, ()),
         (np.zeros((2, 642)), {"weights": [0]}, ("weights", "zeros")),
         (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, ()),
-        (
-            np.zeros((2, 642)),
-            {"times": [0, 0]},
-            (0,),
-        ),
+        (np.zeros((2, 642)), {"times": [0, 0]}, (0,)),
         (np.zeros((3, 642)), {"times": [0, 2, 1]}, (1, 2)),
         (np.zeros((3, 642)), {"times": [0, 1, np.nan]}, (1,)),
         (np.zeros((2, 642)), {"times": [0, np.inf]}, ()),

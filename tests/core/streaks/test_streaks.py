@@ -136,14 +136,12 @@ def test_sizes_out_of_range_are_refused(size):
 
 
 def looked_up(atlas, image, points):
-    """Return grey levels at points (P, 3) of the surface."""
     found = project_onto_surface(atlas.mesh, points)
     corners = atlas.corners[found.faces]
     return filtered(image, np.einsum("pc,pcx->px", found.barycentric, corners))
 
 
 def correlation(atlas, image, start, end):
-    """Return the correlation of the grey levels at pairs of points."""
     return float(np.corrcoef(looked_up(atlas, image, start), looked_up(atlas, image, end))[0, 1])
 
 
@@ -155,7 +153,6 @@ def rotated(points, axis, distance):
 
 
 def on_sphere(count, seed=3):
-    """Return random points of the unit sphere."""
     points = np.random.default_rng(seed).normal(size=(count, 3))
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 

@@ -21,7 +21,6 @@ from tests.shapes import icosphere
 
 @pytest.fixture(autouse=True)
 def nothing_measured(monkeypatch):
-    """Start each test without measured rates."""
     monkeypatch.setattr(progress, "_rates", {})
 
 
@@ -33,7 +32,6 @@ def reported_steps(work):
 
 
 def tasks_of(work):
-    """Return the names of the steps that work reports."""
     return [now.task for now in reported_steps(work) if now]
 
 

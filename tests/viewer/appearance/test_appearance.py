@@ -58,7 +58,6 @@ TEXT_CONTRAST, MARK_CONTRAST = 4.5, 3.0
 
 
 def luminance(colors):
-    """Return the relative luminance of sRGB colours."""
     linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
     return linear @ [0.2126, 0.7152, 0.0722]
 

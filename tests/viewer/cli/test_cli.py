@@ -68,7 +68,6 @@ def help_text(line, capsys):
 
 
 def option_names(text):
-    """Return the options that a help lists."""
     return re.findall(r"^  (?:-h, )?--([\w-]+)", text, re.MULTILINE)
 
 

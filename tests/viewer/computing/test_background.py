@@ -193,9 +193,7 @@ def test_job_without_a_thread_starts_later(latest, monkeypatch):
     assert not latest.busy
 
 
-def test_jobs_factor_large_systems_in_a_subprocess(
-    latest,
-):
+def test_jobs_factor_large_systems_in_a_subprocess(latest):
     """Small systems, and those of other threads, are factored in this process."""
     latest.request("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
@@ -205,10 +203,7 @@ def test_jobs_factor_large_systems_in_a_subprocess(
 
 @pytest.fixture
 def controlled(latest):
-    """Jobs that wait until they are released.
-
-    Yields a function that makes a job, a list of begun jobs, and a function that releases one.
-    """
+    """Yield a function that makes blocked jobs, a list of begun jobs, and a release function."""
     leave, begun = {}, []
 
     def job(name):

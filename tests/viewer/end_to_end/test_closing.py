@@ -88,7 +88,7 @@ def cancel_closing(gui, may_end, path):
 
 
 def try_again(gui, may_end, path):
-    """Close a second time, with the question again; this can close at once."""
+    """Close a second time: the question appears again, and can end the window at once."""
     save_and_close(gui)
     gui.key("ctrl+q")
     gui.click("Go back", within="Save before closing?")

@@ -116,7 +116,7 @@ def prefer_the_button_to_the_tab(gui):
 
 
 def write_pictures(gui, tmp_path):
-    """Pictures keep sections and scrolling, and change nothing."""
+    """Check that pictures keep sections and scrolling, and change nothing."""
 
     def placed():
         return [(w.label, w.rect) for w in gui.window.ui.widgets]
@@ -140,7 +140,7 @@ def write_pictures(gui, tmp_path):
 
 
 def drag_with_the_right_button(gui):
-    """Drag in the requested number of steps."""
+    """Drag with the right button in the requested number of steps."""
     before, drawn = gui.window.scene.view, gui.window.frames
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view

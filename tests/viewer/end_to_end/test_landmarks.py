@@ -165,7 +165,7 @@ def complete_half_a_pair(gui, notes):
 
 
 def match_landmarks_alone(gui, tmp_path):
-    """Landmarks are matched, saved and opened again."""
+    """Match landmarks without functions, and save and open them again."""
     session = gui.session
     sources, targets = place(gui)
     gui.check("landmarks alone")
@@ -232,7 +232,7 @@ def save_and_open_files(gui, tmp_path):
 
 
 def close_the_second_surface(gui):
-    """Landmarks are unsaved work, and A keeps its points."""
+    """Close B: landmarks are unsaved work, and A keeps its points."""
     session = gui.session
     assert not session.saves.unsaved
     place(gui, 2)

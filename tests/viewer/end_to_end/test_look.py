@@ -106,7 +106,7 @@ def switch_arrows_streaks_lines_and_points(matched):
 
 
 def warn_of_a_torn_map(matched, notes):
-    """There is a warning where the torn map is shown, and nowhere else."""
+    """Check that there is a warning where the torn map is shown, and nowhere else."""
 
     def warned():
         return [text for text, _ in notes() if "this map is not reliable" in text]
@@ -142,7 +142,7 @@ def hide_old_numbers_during_a_run(matched, notes):
 
 
 def follow_a_run_with_arrows(gui, monkeypatch):
-    """Arrows follow a run as often as the surface, and changes by the user at once."""
+    """Check that arrows follow a run as often as the surface, and the user's changes at once."""
     gui.session.editor.amend(parameters=ENDLESS)
     gui.check("arrows")
     begin(gui)

@@ -28,7 +28,7 @@ def test_tour_of_iterations(matched, tmp_path, monkeypatch):
 
 
 def set_every_parameter(gui):
-    """Each parameter is typed, dragged and undone; the method decides which are enabled."""
+    """Type, drag and undo each parameter; the method decides which ones are enabled."""
     for label, (typed, slid) in {
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
@@ -160,7 +160,7 @@ def forget_errors_with_the_next_change(gui):
 
 
 def show_five_parameters_first(gui):
-    """Five parameters are shown at first; all of them have widgets and symbols."""
+    """Check that five parameters are shown at first, and that all have widgets and symbols."""
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
     assert {w.name: w.label for w in sliders} == {

@@ -20,7 +20,6 @@ WINDOW = (860, 600)  # wide enough for a complete path
 
 @pytest.fixture
 def sphere_file(tmp_path):
-    """Return another mesh, in a file with a blank in its name."""
     return off_file(tmp_path / "a sphere.off", icosphere(2))
 
 
@@ -39,7 +38,6 @@ def test_tour_of_edit_view_and_help(gui, walk):
 
 
 def sphere_opened(gui):
-    """Wait until the sphere is shown with its functions."""
     gui.wait(lambda s: len(s.surface().mesh.vertices) == 162 and s.values("target") is not None)
     assert not gui.window.dialogs.is_open
 
@@ -108,7 +106,6 @@ def walk_through_folders(gui, tmp_path, sphere_file):
 
 
 def is_project(path):
-    """Return whether a file begins like a project."""
     return path.read_bytes()[:2] == b"PK"
 
 
@@ -238,7 +235,7 @@ def show_the_flow_after_a_match(gui):
 
 
 def use_entries_and_shortcuts(gui, monkeypatch):
-    """Every shortcut has its own action."""
+    """Check that every entry and every shortcut has its own action."""
     gui.session.editor.set_parameter(alpha=3.0)
     gui.click("Reset to defaults", within="Edit")
     assert gui.session.parameters == Parameters()

@@ -37,7 +37,7 @@ def match_two_channels(gui):
 
 
 def make_phases_circular(gui, tmp_path):
-    """There is a box if values jump by a period; it makes two channels, and one again."""
+    """Use the box for values that jump by a period; it makes two channels, and one again."""
     assert "circular" not in gui.labels()
     x, y, _ = gui.session.surface().mesh.vertices.T
     np.save(tmp_path / "a.npy", np.degrees(np.arctan2(y, x)))
@@ -186,7 +186,7 @@ def use_each_family(gui):
 
 
 def open_values_and_vertex_maps(gui, tmp_path):
-    """Open them from files, and use symmetry."""
+    """Open values and vertex maps from files, and use the symmetry of the mesh."""
     side = "target"
     rng = np.random.default_rng(0)
     values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))

@@ -168,7 +168,7 @@ def heads_of(gui):
 
 
 def omit_columns(opened, monkeypatch):
-    """Names always fit, and a tooltip has the columns that do not."""
+    """Widen texts: columns without space are omitted, and are in a tooltip of the name."""
     every = heads_of(opened)
     assert len(every) == len(ResultTable.columns)
     wider = {"name": every["name"] + 5, "reason": every["why"]}
@@ -184,7 +184,7 @@ def omit_columns(opened, monkeypatch):
 
 
 def refresh_and_reopen(opened, folder):
-    """Rows added by another process are shown."""
+    """Check that rows added by another process are shown."""
     path, rows = folder
     solve(Ledger(path), rows[3])
     opened.click("Refresh")
@@ -198,7 +198,7 @@ def refresh_and_reopen(opened, folder):
 
 
 def scroll_hundreds_of_rows(opened, folder):
-    """Only rows in view are drawn."""
+    """Check that only rows in view are drawn."""
     path, rows = folder
     many = [Row(f"row {i}", rows[0].options, rows[0].folder) for i in range(500)]
     Ledger(path).write_rows(many, "many")

@@ -27,10 +27,10 @@ def large():
 
 
 def contrasts(gui, path):
-    """Return the contrast of each widget with text in view, by section and label.
+    """Return the contrast of each widget with text in view, and whether the widget is enabled.
 
-    It is the contrast of its most frequent colour with the farthest one, together with whether the
-    widget is enabled.
+    Keys are sections and labels. The contrast is that of the most frequent and the farthest
+    colour.
     """
     gui.screenshot(path)
     picture, found = np.asarray(Image.open(path).convert("RGB")), {}

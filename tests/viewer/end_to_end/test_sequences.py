@@ -172,7 +172,7 @@ def show_frames_blended(opened):
 
 
 def show_the_changing_side(gui, tmp_path):
-    """Unless the user has turned the surface."""
+    """Turn the view to the side with the largest changes, unless the user has turned it."""
     gui.frames(3)
     session, behind = gui.session, -gui.session.surface().front.axes[2]
     paths = tmp_path / "behind.npy", tmp_path / "missing.npy"
@@ -329,7 +329,7 @@ def draw_tracks(solved):
 
 
 def follow_points_and_lines(solved):
-    """Points are followed through all frames, lines along the present field."""
+    """Follow points through all frames, and lines along the field of the present interval."""
     session, quantities = solved.session, solved.window.shown.quantities
     sequence, [vertex] = session.document.result, [200]
     solved.click("Look", within="steps")
@@ -464,7 +464,7 @@ def test_files_of_sequences_open(opened, tmp_path):
 
 
 def ignore_vertices_without_values(gui, tmp_path):
-    """Two channels with common fields, and two of their frames as a match."""
+    """Show and match two channels with common missing values."""
     frames = np.stack([FRAMES, FRAMES**2], axis=2)
     frames[1, :5] = np.nan
     np.save(tmp_path / "two.npy", frames)
@@ -506,7 +506,7 @@ def ignore_vertices_without_values(gui, tmp_path):
 
 
 def open_the_sample(gui, monkeypatch):
-    """With and without nilearn."""
+    """Open the sample sequence with and without nilearn."""
     gui.menu("Samples", WAVE)
     gui.wait(lambda s: isinstance(s.document, SequenceDocument))
     document = gui.session.document

@@ -48,7 +48,7 @@ def start_from_the_current_field(gui):
 
 
 def pause_and_resume(gui):
-    """By buttons and by keys; one click continues from the best field of a cancelled run."""
+    """Pause and resume by buttons and keys, and continue from a cancelled run's best field."""
     begin(gui, 3)
     solver = gui.session.solver
     gui.click("Pause")
@@ -77,7 +77,7 @@ def pause_and_resume(gui):
 
 
 def restart_on_changes(gui):
-    """While the run is paused and while it runs."""
+    """Change parameters while a run is paused and while it runs, which restarts it."""
     begin(gui, 3)
     gui.click("Pause")
     gui.type("sigma", "0.015")
@@ -155,7 +155,7 @@ def match_an_outdated_result_again(gui, notes):
 
 
 def change_parameters_by_remedies(gui):
-    """Each remedy is a button that changes its parameters and starts a run."""
+    """Press each remedy, which changes its parameters and starts a run."""
     result = gui.session.result
     for label, parameters in {
         "Reach further": {"reach": 0.5},
@@ -176,7 +176,7 @@ def change_parameters_by_remedies(gui):
 
 
 def report_a_squeezed_source(gui, notes, monkeypatch):
-    """In a run that pauses at its report; 150 iterations later it finds the target."""
+    """Show the report of a squeezed source in a run, which later finds the target."""
 
     def held(process, function, number, task, on_partial, tries):
         def post(now):

@@ -40,7 +40,7 @@ def scrub_to_the_match_and_beyond(matched):
 
 
 def step_and_play(matched):
-    """Time is dragged, typed and stepped; playback repeats if requested."""
+    """Drag, type and step the time, and play it once or repeatedly."""
     session = matched.session
     for act, time in (
         (lambda: matched.drag("time", 0.3), 0.3),

@@ -41,7 +41,7 @@ def is_at(gui, step):
 
 
 def choose_steps(walked):
-    """By clicks, keys and the list; one click goes back."""
+    """Choose steps by clicks, keys and the list; one click goes back."""
     for step in (0, 1):
         walked.click(f"step {step + 1}")
         is_at(walked, step)

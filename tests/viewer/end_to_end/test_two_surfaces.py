@@ -25,10 +25,7 @@ NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.
 @pytest.fixture
 def files(tmp_path):
     """Return the files of two bodies with the same connectivity."""
-    meshes = {
-        "egg": ellipsoid(2, 1.0, 0.7, 0.55),
-        "ball": icosphere(2, 10.0),
-    }
+    meshes = {"egg": ellipsoid(2, 1.0, 0.7, 0.55), "ball": icosphere(2, 10.0)}
     return {name: off_file(tmp_path / f"{name}.off", mesh) for name, mesh in meshes.items()}
 
 
@@ -58,11 +55,7 @@ def close_and_open_b(gui, files):
     assert len(session.values("target")) == len(ball.vertices)
     gui.frames(2)
     titles = {name: paint.title for name, paint in gui.window.scene.paints.items()}
-    assert titles == {
-        "source": "source on A",
-        "advected": "advected on B",
-        "target": "target on B",
-    }
+    assert titles == {"source": "source on A", "advected": "advected on B", "target": "target on B"}
     gui.menu("File", "Close second surface")
     gui.wait(lambda s: not isinstance(s.document, PairDocument) and not s.obstacle)
     assert session.surface().mesh is egg

@@ -174,7 +174,7 @@ def switch_wireframe_and_flat_shading(gui, tmp_path):
 
 
 def show_a_finer_mesh(gui):
-    """Clicks refer to the mesh itself."""
+    """Show a match on a finer mesh, on which clicks refer to vertices of the mesh itself."""
     session, own = gui.session, gui.session.surface().mesh
     session.editor.set_parameter(refine=0)
     match(gui)
@@ -234,7 +234,7 @@ def hide_and_show_surfaces(gui, tmp_path):
 
 
 def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
-    """Show it in grey, with a card, until its functions come; nothing turns."""
+    """Show a mesh in grey, with a card, until its functions are computed; the view never turns."""
     may_go_on, session, scene = threading.Event(), gui.session, gui.window.scene
 
     def slowly(mesh):
@@ -273,7 +273,7 @@ def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
 
 
 def front_shows_the_functions(gui):
-    """Of a project, or a figure of the paper."""
+    """Check that the front shows the functions of a project, or of a figure of the paper."""
     session, before = gui.session, gui.window.scene.view.rotation[2]
     behind = int(np.argmin(session.surface().mesh.vertices @ before))
     spec = f"gaussian:vertex={behind},width=0.2"

@@ -249,7 +249,6 @@ def sequences():
 
 
 def checkpoint_file(autosave):
-    """Create a file of a checkpoint next to the copy."""
     path = autosave.path.with_name(f"{autosave.path.name}-1a2b3c4d.unfinished")
     path.touch()
     return path

@@ -20,11 +20,7 @@ from tests.shapes import icosphere, with_loose_vertex
 
 @pytest.mark.parametrize(
     ("name", "named"),
-    [
-        ("result.txt", ".npz"),
-        ("no folder/result.npz", "folder"),
-        ("folder.npz", "folder"),
-    ],
+    [("result.txt", ".npz"), ("no folder/result.npz", "folder"), ("folder.npz", "folder")],
 )
 def test_paths_that_cannot_be_written_are_refused(tmp_path, name, named):
     (tmp_path / "folder.npz").mkdir()

@@ -339,10 +339,7 @@ def test_views_channels_and_landmarks_are_restored(
 
 
 def changed(path, content=lambda header, view: None, arrays=()):
-    """Write a project again with other JSON and arrays.
-
-    None removes an array, and bytes are written as they are.
-    """
+    """Write a project again with other JSON and arrays; None removes an array."""
     texts = {name: json.loads(members(path)[name]) for name in ("project.json", "view.json")}
     content(*texts.values())
     others = {f"{name}.npy": array for name, array in dict(arrays).items()}
@@ -372,7 +369,6 @@ def put_in(number, place, new, *texts):
 
 
 def error_line(path):
-    """Return the error message for a file that is refused."""
     message = refusal(load_project, path)
     advice = ("use another copy", "upgrade abfm", "solve again", "rename it", "check the path")
     assert any(words in message.lower() for words in advice)

@@ -119,7 +119,7 @@ def reach_families_from_a_gaussian(gui):
 
 
 def change_texts_by_widgets(gui, tmp_path):
-    """Channels of the same kind have different labels."""
+    """Change functions by widgets, whose labels differ for channels of the same kind."""
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
     gui.click("bump 2", within="source")

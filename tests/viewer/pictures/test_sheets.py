@@ -58,7 +58,6 @@ def draw(panel, size=160):
 
 
 def colors(picture):
-    """Return all colours of a picture, as tuples."""
     codes = np.asarray(picture)[..., :3].astype(int) @ [1 << 16, 1 << 8, 1]
     return {tuple(int(code).to_bytes(3, "big")) for code in np.unique(codes)}
 

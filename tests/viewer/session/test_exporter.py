@@ -48,7 +48,6 @@ def exporter(tmp_path, monkeypatch):
 
 @pytest.fixture
 def out(tmp_path):
-    """Return a folder for exported files."""
     folder = tmp_path / "out"
     folder.mkdir()
     return folder

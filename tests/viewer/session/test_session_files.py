@@ -31,13 +31,11 @@ from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 
 @pytest.fixture
 def small(tmp_path):
-    """Return the path of a mesh file."""
     return off_file(tmp_path / "small.off", icosphere(1))
 
 
 @pytest.fixture
 def solved(desk):
-    """Return a desk with an unsaved result."""
     desk.session.editor.amend(parameters=QUICK)
     matched(desk.session)
     return desk

@@ -23,7 +23,6 @@ def session(of_the_module):
 
 @pytest.fixture
 def watched():
-    """Return a function that returns the shown quantities of a session."""
     made = []
 
     def watch(session):

@@ -36,7 +36,6 @@ def shown_of(tmp_path, watched):
 
 
 def arrows_of(shown):
-    """Return the arrows that are shown now, if any are known."""
     shown.session.update()
     field = shown.quantities.field()
     return None if field is None else shown.quantities.arrows(field, 300.0, FRONT)

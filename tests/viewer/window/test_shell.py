@@ -55,7 +55,6 @@ def opened(gui, vertices):
 
 
 def idle(gui):
-    """Wait until everything is read and written."""
     gui.wait(lambda _: not gui.window.shown.busy and not gui.window.files.saving)
     gui.frames(3)
 
@@ -70,7 +69,7 @@ def test_tour_of_keys_and_dialogs(gui, walk):
 
 
 def use_unfinished_text(gui, tmp_path):
-    """Save and match while text is being typed: it is taken over."""
+    """Save and match while a text is being typed, which is then used."""
     gui.window.files.save(tmp_path / "first.abfm")
     idle(gui)
     gui.type("tau", "3", enter=False)
@@ -89,7 +88,7 @@ def use_unfinished_text(gui, tmp_path):
 
 
 def type_into_boxes(gui):
-    """Keys do nothing else in a box."""
+    """Check that typed letters of shortcuts have no other effect in a box."""
     theme = gui.session.view.theme
     gui.key("ctrl+shift+s")
     gui.frames(3)
@@ -131,7 +130,7 @@ def open_by_keys_and_drop(gui, mesh_file, tmp_path):
 
 
 def list_ten_thousand_files(gui, monkeypatch):
-    """Frames only read the entries in view."""
+    """Check that frames only read the entries in view."""
     entries = (FolderEntry(f"{number:05}.off", False) for number in range(10_000))
     listing = Listing(LazyEntries(entries))
     monkeypatch.setattr(file_dialog, "read_folder", lambda *_: listing)

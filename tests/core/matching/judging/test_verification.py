@@ -23,24 +23,19 @@ AXIS = np.array([0.3, -0.5, 0.8])
 
 
 def verify(mesh, f, g, velocity, *, linearised=False, subdivided=True, **given):
-    """Verify a problem with these functions."""
     parameters = Parameters.of(method="linearised" if linearised else "nonlinear")
     problem = abfm.Problem(mesh, f, g, parameters, **given)
     return abfm.matching.verify(problem, velocity, subdivided)
 
 
 def rotated(mesh, axis, width):
-    """Return a bump before and after a rotation, and the field of the rotation.
-
-    The rotation is given by its vector, and exact on a surface of revolution.
-    """
+    """Return a bump before and after a rotation about a vector, and the field of the rotation."""
     place = np.array([0.8, 0.0, 0.6]) if mesh.is_closed else np.array([0.8, 0.0, 0.0])
     place_after = Rotation.from_rotvec(axis).as_matrix() @ place
     return bump(mesh, place, width), bump(mesh, place_after, width), rotation_field(mesh, axis)
 
 
 def noisy(mesh, field, size):
-    """Return a field with independent noise on each face."""
     noise = np.random.default_rng(3).normal(size=field.shape)
     return field + size * mesh.length_scale * noise
 

@@ -55,10 +55,7 @@ def waves(points, seed):
 
 @cache
 def advected_waves(seed):
-    """Return noisy waves, advected by a smooth flow, as a problem; and the origins of values.
-
-    The noise is a fifth of the standard deviation.
-    """
+    """Return waves and their advected copies with noise of 20%, and the origins of values."""
     origins = ContinuousFlow(SPHERE, 0.1 * wavy_field(SPHERE, seed)[None], 1.0).origins().positions
     rng, there = np.random.default_rng(seed), origins / np.linalg.norm(origins, axis=1)[:, None]
     f, g = (waves(points, seed) for points in (SPHERE.vertices, there))

@@ -146,8 +146,7 @@ def test_parabola_without_minimum_is_none(scores):
 
 # a subject's sulcal depth on fsaverage5 with three masks, see docs/cortex.md
 @pytest.mark.parametrize(
-    "scores",
-    [[0.58046, 0.57574, 0.58225], [0.58811, 0.5828, 0.58645], [0.57568, 0.57204, 0.57771]],
+    "scores", [[0.58046, 0.57574, 0.58225], [0.58811, 0.5828, 0.58645], [0.57568, 0.57204, 0.57771]]
 )
 def test_score_error_moves_sigma_little(scores):
     """An error of 0.001 in a score moves sigma by less than 5%; steps differ by 73%."""

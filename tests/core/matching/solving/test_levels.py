@@ -80,7 +80,6 @@ def test_waiting_match_can_be_cancelled():
 
 
 def level_count(mesh, f, g, monkeypatch, **extras):
-    """Return the number of levels that mesh and functions determine."""
     monkeypatch.setattr(module, "SETTINGS", replace(SETTINGS, coarsest_vertices=160))
     return len(all_levels(MatchingEnergy(mesh, f, g, Parameters(), **extras)))
 

@@ -124,10 +124,7 @@ def test_curves_with_few_points_stay_on_the_surface(read):
         ("1,2\n3,nan\n", ("nan", 2, "B")),
         ("1,2\n3,\n", (2, "B")),
         ("1,2\n3.5,4\n", (2, "3.5", "A")),
-        (
-            f"1,2\n{COUNT},4\n",
-            (2, COUNT, "A"),
-        ),
+        (f"1,2\n{COUNT},4\n", (2, COUNT, "A")),
         ("1,2\n-1,4\n", (2, -1, "A")),
         ("1,2\n1,4\n", (1, 2, "A")),
         ("1,2\n4,2\n", (1, 2, "B")),
