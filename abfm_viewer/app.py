@@ -19,10 +19,7 @@ Examples:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Open the app, and return the exit status when its window is closed.
-
-    Without arguments it takes those of the process.
-    """
+    """Open the app, with the arguments of the process by default; return the exit status."""
     return program("abfm-viewer", _run, argv)
 
 

@@ -27,8 +27,8 @@ def attach_app_stub(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package, which imports names late.
 
-    If a library that only the app needs is missing, a `DrawingError` names it and how to install
-    it.
+    If a library that only the app needs is missing, a `DrawingError` names it and explains how to
+    install it.
     """
     load, names, every = lazy_loader.attach_stub(name, file)
 

@@ -36,7 +36,6 @@ class EndedBySignal(KeyboardInterrupt):
 
 
 def status(number: int) -> int:
-    """Return the exit status after a signal."""
     return 128 + number
 
 

@@ -5,10 +5,7 @@ from collections.abc import Callable
 
 
 def abbreviated(text: str, width_max: float, width_of: Callable[[str], float]) -> str:
-    """Return the text, shortened with an ellipsis to the given width.
-
-    The result is empty if not even one letter fits.
-    """
+    """Return the text, shortened with an ellipsis to a width; empty if no letter fits."""
     if width_of(text) <= width_max:
         return text
 

@@ -26,10 +26,7 @@ THREADS = DaemonThreads("background")
 
 
 def error_line(error: BaseException) -> str:
-    """Return the message of an error in one line.
-
-    The name of the class is added unless the error is about the user's input.
-    """
+    """Return an error as one line, which names its class unless it is about the user's input."""
     text = one_line(str(error), MESSAGE_LENGTH_MAX)
     if isinstance(error, AbfmError | OSError):
         return text
@@ -39,10 +36,7 @@ def error_line(error: BaseException) -> str:
 
 
 def same(one: object, other: object) -> bool:
-    """Return whether two objects, or tuples of objects, are equal.
-
-    Arrays are equal only if they are the same object.
-    """
+    """Return whether two objects or tuples are equal; arrays are equal only if identical."""
     if one is other:
         return True
     if isinstance(one, tuple) and isinstance(other, tuple):
@@ -52,7 +46,7 @@ def same(one: object, other: object) -> bool:
 
 
 class Memo(Generic[Value]):
-    """A cache with one entry, which is valid while its inputs stay the `same`."""
+    """A cache with one entry, which is valid while its inputs are the `same`."""
 
     def __init__(self) -> None:
         self._entry: tuple[tuple[object, ...], Value] | None = None
@@ -137,7 +131,6 @@ class Latest(Generic[Value]):
             return self.value if found is None and is_of_subject else found
 
     def retire(self) -> None:
-        """Start no more jobs."""
         with self._condition:
             self.retired, self._job = True, None
 
@@ -191,7 +184,6 @@ class Jobs:
         self._all: list[Latest[Any]] = []
 
     def latest(self) -> Latest[Any]:
-        """Return a new `Latest`."""
         self._all = [one for one in self._all if not one.retired]
         self._all.append(Latest(self.at_once))
         return self._all[-1]

@@ -34,10 +34,9 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     """Return the specs of two Gaussians on the longest geodesic of the mesh.
 
     The geodesic, for example from a foot to a hand, is nearly the longest one. The source is near
-    its middle, for example on the trunk. The target is farther along it, but so close that a
-    first match changes areas little. Both preferably face a viewer who looks from
-    `best_front(mesh)`. Gaussians that would span hardly an edge, on coarse meshes or meshes of
-    sliver triangles, are widened.
+    its middle, for example on the trunk. The target is farther along it, but so close that a first
+    match changes areas little. Both preferably face a viewer who looks from `best_front(mesh)`.
+    Gaussians narrower than about an edge, as on coarse meshes or sliver triangles, are widened.
     """
 
     def distance(vertex: np.intp) -> FloatArray:
@@ -83,8 +82,8 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     """Return how much each vertex, or a Gaussian around it, faces the viewer, (V,).
 
-    The value is a cosine: the smaller of the vertex's own and the mean around it. The mean is
-    taken over a sample of vertices. It excludes the opposite side of thin parts.
+    The value is a cosine: that of the vertex or the mean around it, whichever is smaller. The mean
+    is over a sample of vertices without those on the opposite side of thin parts.
     """
     from scipy.spatial import KDTree  # imported late: the first frame does not need it
 

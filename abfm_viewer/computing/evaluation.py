@@ -39,10 +39,8 @@ Evaluated = dict[str, FloatArray | str]
 class Functions:
     """Evaluates specs on one mesh, term by term.
 
-    When the user drags one of several Gaussians, only that one is evaluated again. `known` has the
-    values (V,) of terms stored in a project file, which therefore does not depend on other files.
-    With ``at_once``, `request` computes in the caller's thread. After `has_computed` becomes true
-    there may be a thread and a process.
+    When the user drags one of several Gaussians, only that one is evaluated again. With
+    ``at_once``, `request` computes in the caller's thread.
     """
 
     def __init__(
@@ -52,8 +50,9 @@ class Functions:
         at_once: bool = False,
     ) -> None:
         self.mesh = mesh
+        # values (V,) of terms stored in a project file, which needs no other files therefore
         self.known = dict(known or {})
-        self.has_computed = False
+        self.has_computed = False  # whether there may be a thread and a process
         self._worker: Worker[None] | None = None
         self._is_large = len(mesh.vertices) >= SUBPROCESS_VERTICES_MIN
         if self._is_large or len(mesh.vertices) >= _EXACT_VERTICES_MIN:

@@ -14,7 +14,7 @@ _ARENA_MAX = -8
 
 
 def limit_pools() -> None:
-    """Make all threads share two pools, and return every large block as soon as it is freed.
+    """Make all threads share two pools, and return large blocks as soon as they are freed.
 
     By default the C library raises both limits while the program runs.
     """

@@ -54,9 +54,9 @@ def _raise_not_stored() -> NoReturn:
 class IteratePicture:
     """The fields of an iterate in the process of the window.
 
-    Some iterates come with their `picture`, the advected source. Otherwise the first access fetches
-    both arrays from the subprocess. They are those of the best iterate if this one is no longer
-    stored. The access then waits for the subprocess, so the frame loop must not make it.
+    Some iterates arrive with the advected source (`picture`). Otherwise the first access fetches
+    both arrays from the subprocess, or those of the best iterate if this one is no longer stored.
+    The access then waits for the subprocess, so the frame loop must not make it.
     """
 
     warning: str | None
@@ -82,7 +82,6 @@ class IteratePicture:
 
 
 def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Make the coarser meshes."""
     with factoring_in_subprocess():
         abfm.matching.prepare(mesh, parameters)
 
@@ -90,8 +89,8 @@ def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None
 def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
     """Solve the task and report every iterate.
 
-    The first iterate and some others come with their pictures. From time to time the best iterate
-    is reported again, with its fields.
+    The first iterate and some others are reported with their pictures. From time to time the best
+    iterate is reported again, with its fields.
     """
     before = max(cache, default=0)
     for earlier in cache.keys() - {before}:

@@ -43,7 +43,6 @@ class ProblemSpec:
 
     @property
     def is_of_landmarks(self) -> bool:
-        """Whether only landmarks are matched."""
         return self.landmarks_alone and bool(self.landmarks)
 
     def problem(self, functions: Evaluators) -> abfm.Problem:
@@ -105,7 +104,6 @@ class _History:
         self._record = Memo[RunRecord]()
 
     def begin(self) -> None:
-        """Begin another problem."""
         if self._iterates:
             self._restarts.append(len(self._iterates))
 
@@ -113,10 +111,7 @@ class _History:
         self._iterates.append(replace(now, view=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
-        """Return the record of the run so far; None before the first iterate.
-
-        It is the same object until an iterate is added.
-        """
+        """Return the record of the run so far, the same object until the next iterate, or None."""
         iterates, restarts = self._iterates[:], tuple(self._restarts)
 
         def column(name: str, kind: type = np.float64) -> Any:
@@ -167,7 +162,6 @@ class Matching:
 
     @property
     def record(self) -> RunRecord | None:
-        """The record of the run so far."""
         problem = self.running and self.problem
         return self._history.record(0.0, problem.parameters) if problem else None
 
@@ -190,7 +184,7 @@ class Matching:
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
         """Restart with a changed problem, or cancel the run if the mesh has changed.
 
-        A change of alpha is taken over only after a drag, because it needs another factorisation.
+        A change of alpha is applied only after a drag, because it needs another factorisation.
         """
         if not self.running or self.problem is None or problem == self.problem:
             return

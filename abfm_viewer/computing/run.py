@@ -36,15 +36,13 @@ _START_SECONDS = 0.02  # for a run to begin; otherwise it waits until a frame is
 
 
 class Process:
-    """Calls functions in a subprocess, one after another.
+    """Calls functions in a subprocess, one after another; their first argument is its cache.
 
-    The first argument of each function is the cache of the process. The process starts with the
-    first call. If it has ended, the next call starts another one.
+    The process starts with the first call. If it has ended, the next call starts another one. A
+    process that is idle when it is closed is reused by the next `Process`.
 
     polyscope holds Python's interpreter while it draws a frame. Without a graphics card this is
-    nearly all of the time: a solver in a thread of the same process got a tenth of it. The next
-    `Process` reuses a subprocess that was idle when it was closed, so a script that opens several
-    windows in turn starts no others.
+    nearly all of the time: a solver in a thread of the same process got a tenth of it.
     """
 
     _idle_workers: ClassVar[list[Worker[ProcessCache]]] = []
@@ -154,8 +152,8 @@ class Run(Generic[Result]):
     ) -> None:
         """Start ``work`` in a thread; it calls functions in the process by `call`.
 
-        `collect` passes the result to ``then``; after an error it passes the result of
-        ``recover``. ``resumes`` means that partial results of an earlier run exist.
+        `collect` passes the result to ``then``; after an error it passes the result of ``recover``.
+        ``resumes`` means that partial results of an earlier run exist.
         """
         self.state, self.reason, self.step = RunState.RUNNING, "", None
         self.started, self.has_partial_results = self.started + 1, resumes
@@ -236,7 +234,7 @@ class Run(Generic[Result]):
             return self.process.solve(function, *given, on_partial=take, tries=tries)
 
     def end_call(self) -> None:
-        """End the present call, but not the run, with the result so far, which is not verified."""
+        """End the current call, but not the run, with its result so far, which is not verified."""
         self._control.cancel(skip_checks=True)
 
     @factoring_in_subprocess()

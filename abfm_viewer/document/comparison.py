@@ -18,31 +18,21 @@ _LENGTH_MAX = 24  # characters of a name in a title
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Comparison of one subject, on the template, with the mean of the others.
-
-    Attributes
-    ----------
-    population : Population
-    subject : int
-        Number of the subject.
-    channels : mapping
-        Number of a population's channel by a pair of specs: those of the subject's function and of
-        the mean of the others in the document.
-    kind : str
-        Quantity that is shown between the two.
-    """
+    """Comparison of one subject, on the template, with the mean of the others."""
 
     population: abfm.Population
-    subject: int
+    subject: int  # its number
+    # number of a population's channel by a pair of specs: those of the subject's function and of
+    # the mean of the others in the document
     channels: Mapping[tuple[str, str], int]
-    kind: ComparisonKind = "difference"
+    kind: ComparisonKind = "difference"  # quantity shown between the two
 
     @property
     def name(self) -> str:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """Return the title of a slot; slots of other comparisons keep their names.
+        """Return the title of a slot, which keeps its name if it does not show the comparison.
 
         Long names of subjects are abbreviated, so that the rest of the title stays visible.
         """

@@ -101,10 +101,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Landmark:
-    """Pair of corresponding points on the surfaces of source and target.
-
-    A point is None until it is placed.
-    """
+    """Pair of corresponding points on the surfaces of source and target; None if not placed."""
 
     source: Point | None = None
     target: Point | None = None
@@ -138,14 +135,11 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh and the name of its file.
-
-    The `front` is None until it is chosen; surfaces that differ only in it are equal.
-    """
+    """A mesh and the name of its file; surfaces that differ only in their front are equal."""
 
     mesh: TriangleMesh
     name: str
-    front: Front | None = field(default=None, compare=False)
+    front: Front | None = field(default=None, compare=False)  # None until it is chosen
 
 
 @dataclass(frozen=True)
@@ -161,13 +155,10 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class InitialMap:
-    """Map that transferred a result's functions from surface A to surface B.
-
-    It also holds notes, warnings and the request for which it was computed.
-    """
+    """Map that transferred a result's functions from surface A to surface B."""
 
     correspondence: Correspondence
-    request: MapRequest
+    request: MapRequest  # for which the map was computed
     notes: tuple[str, ...] = ()
     # functions of A, (V_A, C), as they are compared; None if they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
@@ -184,7 +175,6 @@ class InitialMap:
         return found
 
     def is_for(self, document: Document) -> bool:
-        """Return whether the map still belongs to the inputs of a document."""
         return self.request == document.map_request
 
 
@@ -447,7 +437,6 @@ class Document:
 
     @property
     def functions(self) -> tuple[Function, ...]:
-        """All functions that are evaluated."""
         return ()
 
     # Surfaces, their names and their fronts
@@ -464,7 +453,6 @@ class Document:
         return self.surfaces[0 if slot == "source" else -1]
 
     def slot_title(self, slot: str) -> str:
-        """Return the title of a slot."""
         return slot
 
     def transferred_title(self, kind: str) -> str:
@@ -472,16 +460,13 @@ class Document:
         return f"advected {kind}"
 
     def surface_label(self, side: Side) -> str:
-        """Return the name of a side's surface."""
         return side
 
     def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
-        """Return a copy with another name and other display names of functions, by their specs."""
         *others, last = self.surfaces
         return replace(self, surfaces=(*others, replace(last, name=name)))
 
     def facing(self, front: Front, slot: str = "advected") -> Self:
-        """Return a copy in which the surface of a slot has another front."""
         shown = self.surface(slot)
         surfaces = (replace(one, front=front) if one is shown else one for one in self.surfaces)
         return replace(self, surfaces=tuple(surfaces))
@@ -495,7 +480,6 @@ class Document:
         return spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Return the values on a side's surface by their specs, from values by their keys."""
         return dict(known)
 
     def missing_values(self, slot: str, values: Values) -> MissingValues:
@@ -518,7 +502,6 @@ class Document:
 
     @property
     def last_target_time(self) -> float:
-        """Time at which the last target is reached."""
         return self.parameters.tau
 
     @property
@@ -528,7 +511,6 @@ class Document:
 
     @property
     def tau(self) -> float:
-        """Duration of the shown flow."""
         return self.parameters.tau
 
     @property
@@ -552,7 +534,6 @@ class Document:
 
     @property
     def slider_tip(self) -> str:
-        """Tooltip of the time bar's slider."""
         return "0 is the source and τ the match. Beyond τ the flow is extrapolated."
 
     @property
@@ -582,7 +563,7 @@ class Document:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the result is complete, so that a further run would not add anything."""
+        """Whether a further run would add nothing to the result."""
         return False
 
     def view_of_result(self, view: View) -> View:
@@ -590,7 +571,6 @@ class Document:
         return view
 
     def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
-        """Return a message that describes the unsaved changes of some fields."""
         return f"{self.name} has unsaved changes."
 
     @property

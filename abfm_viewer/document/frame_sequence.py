@@ -33,7 +33,6 @@ class SequenceSettings:
         return abfm.sequences.defaults(alpha=self.alpha, order=self.order, sigma=self.sigma)
 
     def check(self) -> None:
-        """Raise a `ParameterError` if a value is not allowed."""
         _ = self.parameters
         if not 0 <= self.gamma <= GAMMA_MAX:
             raise ParameterError(f"gamma is {self.gamma:g}; expected 0 to {GAMMA_MAX:g}")
@@ -49,17 +48,13 @@ def settings_of(sequence: abfm.Sequence) -> SequenceSettings:
 
 @dataclass(frozen=True, eq=False)
 class FrameSequence:
-    """Frames, numbered from 0, and the name of their file.
-
-    If the frames are cosine and sine of phases, ``phases`` has the original values.
-    """
+    """Frames, numbered from 0, and the name of their file."""
 
     name: str
     frames: abfm.sequences.Frames
-    phases: abfm.sequences.Frames | None = None
+    phases: abfm.sequences.Frames | None = None  # if the frames are their cosine and sine
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return len(self.frames.values)
 
     @property
@@ -119,7 +114,6 @@ class FrameSequence:
         return float(self.times[min(max(number, 0), len(self) - 1)])
 
     def time_text(self, time: float) -> str:
-        """Return a time with its unit."""
         return f"{time:.4g} {self.unit}".strip()
 
     def precise_time(self, time: float) -> str:
@@ -130,10 +124,7 @@ class FrameSequence:
         return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
     def front(self, up: str | None = None) -> Front:
-        """Return the front from which most of the changes in time are visible.
-
-        Vertices without values do not count.
-        """
+        """Return the front that shows most of the changes in time, where there are values."""
         changes = changes_in_time(self.frames.values)
         if (unknown := self.frames.unknown) is not None:
             changes[unknown] = 0.0

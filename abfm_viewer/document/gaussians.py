@@ -30,9 +30,9 @@ def is_mapped(spec: str) -> bool:
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
-    """Return the spec with changed values of one Gaussian.
+    """Return the spec with changed values of one Gaussian; a vertex replaces x, y and z.
 
-    A new vertex replaces x, y and z. A refused value raises a `FunctionError`.
+    A refused value raises a `FunctionError`.
     """
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
@@ -47,8 +47,8 @@ def added(spec: str, mesh: TriangleMesh) -> str:
 def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
     """Return the spec of a Gaussian as wide as the last one of other specs, and far from all.
 
-    As source and target of a channel it marks a place that stays fixed while the others move.
-    Gaussians at vertices that the mesh does not have are ignored.
+    As source and target of a channel it fixes a place while the others move. Gaussians at vertices
+    that the mesh does not have are ignored.
     """
     known = []
     for spec in specs:

@@ -84,7 +84,6 @@ class MatchDocument(Document):
 
     @property
     def is_of_landmarks(self) -> bool:
-        """Whether only landmarks are matched."""
         return self.landmarks_alone and bool(self.pairs)
 
     @property
@@ -128,7 +127,7 @@ class MatchDocument(Document):
     def missing_values(self, slot: str, values: Values) -> MissingValues:
         """Return a cache key and a function that finds missing values of the active functions.
 
-        In a match of two frames the mask of the frames marks missing values as well.
+        In a match of two frames, the mask of the frames also excludes missing values.
         """
         active = [] if self.active is None else [self.function(side) for side in SIDES]
         given = [found for one in active if (found := values(one)) is not None]
@@ -208,10 +207,7 @@ class MatchDocument(Document):
 
 @dataclass(frozen=True, eq=False)
 class PairDocument(MatchDocument):
-    """Two surfaces, A and B.
-
-    An initial map transfers functions of A to B, where they are matched.
-    """
+    """Surfaces A and B; an initial map transfers functions of A to B, where they are matched."""
 
     content_fields: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content_fields)
     surface_count: ClassVar[int] = 2
@@ -418,7 +414,6 @@ class SequenceDocument(Document):
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the result belongs to other frames or settings."""
         found = self.result
         return found is not None and not (
             found.frames is self.sequence.frames.values and settings_of(found) == self.settings
@@ -463,7 +458,6 @@ class SequenceDocument(Document):
 
 
 def document_on(surfaces: tuple[Surface, ...], **values: Any) -> MatchDocument:
-    """Return a document of one surface, or of two surfaces to be registered."""
     kind = MatchDocument if len(surfaces) == 1 else PairDocument
     return kind(surfaces, **values)
 

@@ -20,13 +20,10 @@ _GOLDEN_RATIO = 0.6180339887498949  # steps of this size give hues that stay dis
 
 @dataclass(frozen=True, eq=False)
 class LabelMap:
-    """A key at each vertex, with the name and the sRGB colour of each key.
-
-    The K keys are in ascending order.
-    """
+    """A key at each vertex, with the name and the sRGB colour of each key."""
 
     file: str  # its name
-    keys: tuple[int, ...]
+    keys: tuple[int, ...]  # in ascending order
     names: tuple[str, ...]
     colors: tuple[Triple, ...]
     values: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (V,)

@@ -13,14 +13,8 @@ _RANGE_TOLERANCE = 1e-3  # fraction of the target's range; smaller differences a
 def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
     """Return the spec of a source, scaled and shifted to the range of a target.
 
-    The spec is returned unchanged if the ranges agree already or if one of the functions is
-    constant.
-
-    Parameters
-    ----------
-    spec : str
-    source, target : ndarray, (V,) and (W,)
-        Values of the two functions.
+    The spec is unchanged if the ranges agree already or if one of the functions is constant.
+    ``source`` (V,) and ``target`` (W,) are the values of the functions.
     """
     (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
     if not (high > low and most > least):

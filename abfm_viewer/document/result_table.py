@@ -53,25 +53,13 @@ COLUMNS: Mapping[Name, Column] = {
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A row and the facts of its result.
+    """A row and the facts of its result."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the row in its table.
-    name : str
-    facts : Facts
-    path : Path or None
-        File of the result.
-    texts : tuple of (str, str)
-        Source and target of each channel, as written in the table.
-    """
-
-    number: int
+    number: int  # in its table
     name: str
     facts: Facts
-    path: Path | None = None
-    texts: tuple[tuple[str, str], ...] = ()
+    path: Path | None = None  # file of the result
+    texts: tuple[tuple[str, str], ...] = ()  # source and target of each channel, as in the table
 
     @property
     def key(self) -> tuple[int, str]:
@@ -90,7 +78,6 @@ class ResultRow:
         return document.renamed(self.name, names)
 
     def cell_text(self, column: Name) -> str:
-        """Return the text of a cell."""
         texts = {"name": self.name, "verdict": str(self.verdict), "reason": self.facts.reason}
         if column in texts:
             return texts[column]
@@ -105,8 +92,6 @@ class ResultRow:
 
 @dataclass(frozen=True, eq=False)
 class ResultTable:
-    """The rows of a batch."""
-
     columns: ClassVar[tuple[Name, ...]] = (
         *("name", "verdict", "residual", "verified_residual", "folded", "log2_area", "reason"),
     )
@@ -118,11 +103,10 @@ class ResultTable:
     rows: tuple[ResultRow, ...]
 
     def has_values(self, row: ResultRow) -> bool:
-        """Return whether a row has values on the template."""
         return False
 
     def can_show(self, row: ResultRow) -> bool:
-        """Return whether a row has a result or values that can be shown."""
+        """Return whether a row has a result, or values on the template."""
         return row.path is not None or self.has_values(row)
 
     @property
@@ -164,8 +148,6 @@ class ResultTable:
 
 @dataclass(frozen=True, eq=False)
 class PopulationTable(ResultTable):
-    """Table of the subjects of a population."""
-
     columns = (*("name", "verdict", "residual", "folded", "log2_area", "correlation", "reason"),)
     noun = "subject"
     has_comparisons = True

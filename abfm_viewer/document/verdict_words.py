@@ -22,7 +22,6 @@ def was_interrupted(match: abfm.Match) -> bool:
 
 
 def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
-    """Return the tooltip of the button that applies a remedy."""
     changed = ", ".join(
         f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()
     )
@@ -42,10 +41,7 @@ def numbers_text(match: abfm.Match) -> str:
 
 
 def refinement_text(match: abfm.Match) -> str:
-    """Return ``found on a finer mesh, with 16 times as many faces``.
-
-    The text is empty if the match was found on the user's mesh.
-    """
+    """Return ``found on a finer mesh, with 16 times as many faces``; empty without one."""
     found = f"found on a finer mesh, with {4**match.refined} times as many faces"
     return found if match.refined else ""
 

@@ -29,14 +29,8 @@ class Autosave:
     """Writes copies of a changed document to the state folder in the background.
 
     Copies are written at most every `seconds`. A process may have several objects of this class,
-    each with a different `number`. The heartbeat of a copy is the time of its last modification.
-
-    Attributes
-    ----------
-    path : Path
-        File of the copy.
-    error : str
-        Reason why the last copy could not be written; empty if it was.
+    each with a different `number`. The time of the last modification of a copy is its heartbeat: a
+    recent one means that its process is running.
     """
 
     def __init__(
@@ -48,7 +42,7 @@ class Autosave:
     ) -> None:
         owner = f"{os.getpid()}.{number}" if number else f"{os.getpid()}"
         self.path = folder.path / f"{_PREFIX}{owner}{_SUFFIX}"
-        self.error = ""
+        self.error = ""  # why the last copy could not be written
         self._seconds, self._clock = seconds, clock
         self._last = clock()
         self._state: object = None
@@ -72,19 +66,9 @@ class Autosave:
     ) -> None:
         """Write a copy if it is due, or remove the copy if all is saved. Call once per frame.
 
-        Parameters
-        ----------
-        state : object
-            Objects that are compared by identity; the copy is written again if they change.
-        content : callable
-            Returns the document to write.
-        unsaved : bool
-            Whether the document has unsaved changes.
-        origin : Origin, optional
-            Project file of the document.
-        sequence_run : object, optional
-            Current run of a sequence. When a run begins, a copy is written immediately, because the
-            checkpoint of the run can be used only with the document.
+        The copy is written again if ``state`` is another object. ``content`` returns the document
+        to write, and ``origin`` is its project file. When a run of a sequence begins, a copy is
+        written immediately, because the checkpoint of the run can be used only with the document.
         """
         if self._future is not None:
             if not self._future.done():
@@ -152,13 +136,10 @@ class Autosave:
 
 @dataclass(frozen=True)
 class Recovery:
-    """Copy of a process that ended without saving.
-
-    `written` is the time of its last modification, in seconds since the epoch.
-    """
+    """Copy of a process that ended without saving."""
 
     path: Path
-    written: float
+    written: float  # time of the last modification, in seconds since the epoch
 
     def set_aside(self) -> Path:
         """Rename a copy that cannot be read, so that it is not offered again; return its path."""

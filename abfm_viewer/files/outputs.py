@@ -28,7 +28,6 @@ FPS_MAX = {".mp4": 120.0, ".gif": 50.0}
 
 
 def suffixes(task: type[Task]) -> tuple[str, ...]:
-    """Return the suffixes of the formats of a task's results."""
     return (".npz", *task.exports, ".html")
 
 
@@ -94,7 +93,6 @@ class LostResultError(ResultError):
 
 
 def make_folder(path: Path) -> None:
-    """Create an output folder unless it exists; failure raises a `ResultError`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -124,13 +122,9 @@ def write_all(
 ) -> list[str]:
     """Write a result to several files, and its tables by their names.
 
-    If a file cannot be written, a `ResultError` is raised. The result is then saved in another
-    folder, unless a result file was written.
-
-    Returns
-    -------
-    list of str
-        Notes about files that lack something, one line each.
+    Return notes about files that lack something, one line each. If a file cannot be written, a
+    `ResultError` is raised. The result is then saved in another folder, unless a result file was
+    written.
     """
     writers: dict[Path, Callable[[], object]] = {
         path: partial(write, path, found, up) for path in paths

@@ -68,14 +68,11 @@ _hints = cache(partial(get_type_hints, localns=_OF_RESULT, include_extras=True))
 
 @dataclass(frozen=True)
 class Origin:
-    """A project file in the state in which it was last read or written.
-
-    `modified` is the modification time in ns, `size` the size in bytes.
-    """
+    """A project file in the state in which it was last read or written."""
 
     path: Path
-    modified: int
-    size: int
+    modified: int  # time in ns
+    size: int  # in bytes
 
     @classmethod
     def of(cls, path: Path) -> Origin:
@@ -93,15 +90,12 @@ class Origin:
 
 @dataclass(frozen=True)
 class _Header:
-    """Contents of `project.json`.
-
-    `known` maps keys of function values (`Document.values_key`) to names of arrays.
-    """
+    """Contents of `project.json`."""
 
     kind: str
     has_result: bool
     document: dict[str, Any]
-    known: dict[str, str]
+    known: dict[str, str]  # names of arrays by `Document.values_key`
 
 
 def save_project(
@@ -112,19 +106,9 @@ def save_project(
 ) -> None:
     """Write a project file atomically; equal documents give equal bytes.
 
-    Parameters
-    ----------
-    path : path-like
-    document : Document
-    known : mapping
-        Values (V,) of the terms from files (`terms_from_files`), by `Document.values_key`.
-    origin : Origin, optional
-        For autosaved copies: the original project file.
-
-    Raises
-    ------
-    ResultError
-        If the file cannot be written, or could not be opened again.
+    ``known`` are the values (V,) of the terms from files (`terms_from_files`), by
+    `Document.values_key`. ``origin`` is, for autosaved copies, the original project file. Raises
+    `ResultError` if the file cannot be written, or could not be opened again.
     """
     document, found = document.saved(), document.complete_result
     writer = _Writer(_parts(found))
@@ -218,14 +202,11 @@ def _text(plain: Any) -> str:
 
 
 class _Writer:
-    """Converts a document to JSON and arrays.
-
-    `objects` are objects that have names already, such as the parts of the result.
-    """
+    """Converts a document to JSON and arrays."""
 
     def __init__(self, objects: dict[str, Any]) -> None:
         self.arrays: dict[str, Any] = {}
-        self.objects = objects
+        self.objects = objects  # those that have names already, such as parts of the result
 
     def plain(self, value: Any, place: str) -> Any:
         """Return a value for JSON; names of its arrays begin with ``place``."""
@@ -264,7 +245,7 @@ class _Writer:
 class _Reader:
     """Converts JSON and arrays to a document, according to the types of its fields.
 
-    Invalid values raise a `ValueError`. `objects` are objects that have names already.
+    Invalid values raise a `ValueError`. ``objects`` have names already.
     """
 
     def __init__(self, arrays: Mapping[str, Any], objects: dict[str, Any]) -> None:
@@ -356,7 +337,6 @@ def _scalar(hint: Any, value: Any, where: str) -> Any:
 
 
 def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, FloatArray]]:
-    """Return the document and the values from files in a project."""
     plain = {name: part for name, part in plain.items() if name != "format_version"}
     header: _Header = reader.read(_Header, plain, "project")
     _expect(header.kind in KINDS, "project.kind", header.kind, " or ".join(KINDS))

@@ -30,8 +30,6 @@ def place_of(path: Path) -> Path | None:
 
 
 class TableReader:
-    """Reads a table, and reads it again when its files change."""
-
     def __init__(self, place: Path) -> None:
         self.place = place
         self._stamps: list[int] = []
@@ -104,10 +102,7 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
 
 
 def _stamps(place: Path) -> list[int]:
-    """Return the modification times (ns) of the files of a table.
-
-    Files are replaced on every write, so a change is always visible in these times.
-    """
+    """Return the modification times (ns) of a table's files, which are replaced on every write."""
     watched = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     stamps = []
     for path in watched if place.is_dir() else (place,):

@@ -50,7 +50,6 @@ class StateFolder:
         self._write("recent.json", [])
 
     def preferences(self) -> dict[str, Any]:
-        """Return the user's preferences for all projects, by name."""
         found: dict[str, Any] = self._read("preferences.json", dict)
         return found
 

@@ -34,7 +34,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 def canvas(width: int, height: int) -> Iterator[None]:
     """Make polyscope draw pictures of a size in pixels in the block.
 
-    Raises `DrawingError` if the machine cannot.
+    Raises `DrawingError` if the machine cannot draw.
     """
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
@@ -105,7 +105,6 @@ def draw_parts(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font
 
 
 def _draw_disc(picture: Image.Image, disc: Disc) -> None:
-    """Draw a disc with antialiasing."""
     left, top = (math.floor(middle - disc.radius) for middle in disc.centre)
     side = math.ceil(2 * disc.radius) + 2
     middle = [_DISC_SAMPLES * (at - low) for at, low in zip(disc.centre, (left, top), strict=True)]

@@ -30,8 +30,6 @@ _WINDOW_TEXT_PIXELS = 16.0  # at a scale of 1
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """Options of a picture of a document."""
-
     transparent: bool = False  # without a background
     color_bar: bool = True  # unless the view of the document hides it
     labels: bool = True  # names of the surfaces

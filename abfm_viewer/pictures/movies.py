@@ -37,21 +37,10 @@ def write_movie(
     or column of a picture of odd size is dropped. A GIF counts time in hundredths of a second, so
     the durations of its frames may differ by one.
 
-    Parameters
-    ----------
-    frames : iterable of (H, W, 3) arrays of uint8
-        sRGB pictures, all of one size; read one by one.
-    fps : float
-        Frames per second, 0.1 to 120, for a GIF to 50.
-    count : int
-        Number of frames.
-    on_frame : callable, optional
-        Called with the number of written frames; an exception that it raises ends the movie.
-
-    Raises
-    ------
-    ResultError
-        If the frames, ``fps`` or the suffix are invalid, or the file cannot be written.
+    ``frames`` are sRGB pictures of one size, (H, W, 3) of uint8, which are read one by one. ``fps``
+    is 0.1 to 120, for a GIF to 50. ``on_frame`` is called with the number of written frames; an
+    exception that it raises ends the movie. Raises `ResultError` if the frames, ``fps`` or the
+    suffix are invalid, or the file cannot be written.
     """
     if path.suffix not in FPS_MAX:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(FPS_MAX)}")

@@ -79,10 +79,7 @@ def panel_pictures(
     ranges: Mapping[str, ColorRange],
     views: Mapping[TriangleMesh, Camera],
 ) -> list[Image.Image]:
-    """Return the pictures of all panels of a sheet, on a transparent background.
-
-    ``sizes`` (width, height) are in pixels.
-    """
+    """Return pictures, of sizes (width, height), of all panels on a transparent background."""
     pictures: dict[int, Image.Image] = {}
     fast = _fast_speeds(sheet)
     for size in dict.fromkeys(sizes):  # one canvas for each size
@@ -107,7 +104,6 @@ def _fast_speeds(sheet: Sheet) -> dict[TriangleMesh, float]:
 def _draw(
     panel: Panel, ranges: Mapping[str, ColorRange], view: Camera, height: int, fast: float
 ) -> None:
-    """Draw a panel of a height in pixels."""
     mesh = panel.mesh
     opengl.clear()
     set_camera(view, mesh)

@@ -29,12 +29,12 @@ _CHOSEN_COLOR = CURVE_COLORS[2]
 
 
 def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
-    """Return the font of plots, which has Greek letters, in a size."""
+    """Return the font of plots, which has Greek letters, in a size in pixels."""
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), pixels)
 
 
 def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
-    """Return a plot on white in a size (width, height) and a height of text, all in pixels."""
+    """Return a plot on white; ``size`` (width, height) and the height ``text`` are in pixels."""
     (figure, axes), points = _new_axes(size), _points_of(text)
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:

@@ -27,8 +27,6 @@ _RANGE_MIN = 0.25
 
 @dataclass(frozen=True, eq=False)
 class PopulationPictures:
-    """All pictures of the page of a population."""
-
     channels: tuple[Row, ...]
     areas: Row
     outliers: tuple[Row, ...]  # titled by the names of the subjects
@@ -40,7 +38,7 @@ def population_pictures(
     up: Up | None = None,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> PopulationPictures:
-    """Return the pictures of a population, of a width in pixels.
+    """Return the pictures of a population; ``width`` is in pixels.
 
     ``report`` is called with the name of the next picture and the share that is done. Raises
     `DrawingError` if the machine cannot draw.
@@ -56,7 +54,7 @@ def population_pictures(
 
 
 def _channel(found: Population, c: int) -> Row:
-    """Return the row of a channel: the means before and after registration, and the deviation."""
+    """Return a channel's pictures: mean before and after registration, standard deviation."""
     name = found.channels[c].name
     spread = f"deviation of {name}"
     means = {
@@ -99,10 +97,7 @@ def _typical(values: FloatArray) -> float:
 
 
 def _outlier(found: Population, i: int) -> Row | None:
-    """Return the row of a subject and the mean of the others, by the main channel.
-
-    None if the subject has no map.
-    """
+    """Return pictures of a subject and the mean of the others in the main channel, or None."""
     c = found.main_channel
     if not np.isfinite(found.values[i, :, c]).any():
         return None

@@ -38,8 +38,6 @@ _RANGE_MIN = 0.5
 
 @dataclass(frozen=True, eq=False)
 class RegistrationPictures:
-    """All pictures of the report of a registration."""
-
     functions: tuple[Row, ...]  # one row for each channel; empty for a map
     map: Row  # a checkerboard on A and on B, and the distortion of areas and shapes on B
     histograms: tuple[Image.Image, Image.Image]  # of areas and shapes
@@ -55,9 +53,8 @@ def registration_pictures(
 ) -> RegistrationPictures:
     """Return the pictures of a registration, or of a map without functions.
 
-    The width is in pixels. ``distortion`` is that of the map. ``report`` is called with the name
-    of the next picture and the share that is done. Raises `DrawingError` if the machine cannot
-    draw.
+    The width is in pixels. ``distortion`` is that of the map. ``report`` is called with the name of
+    the next picture and the share that is done. Raises `DrawingError` if the machine cannot draw.
     """
     front_of_a, front_of_b = fronts(found, up)
     front_of = {found.a: front_of_a, found.b: front_of_b}
@@ -104,9 +101,9 @@ def _functions(found: Registration) -> list[Row]:
 
 
 def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
-    """Return the row of the map.
+    """Return the pictures of the map.
 
-    It has a checkerboard that is regular in the front view of A, its image on B, and the
+    They are a checkerboard that is regular in the front view of A, its image on B, and the
     distortion of the faces of B.
     """
     places = found.a.vertices @ front.axes[:2].T
@@ -153,7 +150,7 @@ def _path(match: Match, width: int) -> Image.Image | None:
 
 
 def _residual(step: PathStep) -> float:
-    """Return the residual of a step by flow lines, or the discrete one if that is unknown."""
+    """Return the residual of a step along flow lines, or the discrete one if that is unknown."""
     return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
 

@@ -139,21 +139,11 @@ def match_picture(
     channel: int = 0,
     up: Up | None = None,
 ) -> Image.Image:
-    """Return a sheet of a match.
+    """Return a sheet of a match: source, advected source and target.
 
-    It shows the source (blue frame), the advected source at several times and at tau (black frame),
-    and the target (red frame).
-
-    Parameters
-    ----------
-    times
-        Times of the advected source in addition to tau; by default quarters of tau.
-    size
-        Width and height in pixels; by default a wide sheet that fits the shape.
-    channel
-        Number of the shown pair of functions.
-    up
-        Axis that points upwards.
+    Their frames are blue, black and red. The source is advected to ``times``, by default quarters
+    of tau, and to tau. ``size`` (width, height) in pixels is by default that of a wide sheet.
+    ``channel`` is the number of the shown pair of functions, ``up`` the axis that points upwards.
     """
     tau = match.parameters.tau
     shown_times = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
@@ -229,10 +219,7 @@ def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
 
 
 def grid(count: int, aspect: float, size: tuple[int, int] | None = None) -> Layout:
-    """Return a layout of panels that are as large as possible in a size.
-
-    Without a size the sheet has an aspect of about 2.4.
-    """
+    """Return a layout of panels as large as possible; the default aspect is about 2.4."""
     width, height = size or (DEFAULT_WIDTH, None)
     scale = 1.0
     if height is not None:

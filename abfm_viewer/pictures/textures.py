@@ -31,12 +31,8 @@ def read_texture(
     """Return the texture of a mesh file in four channels, and its alpha mode as in glTF.
 
     The mode is OPAQUE, MASK or BLEND. Colours of vertices and materials become factors of the
-    images, or of white.
-
-    Raises
-    ------
-    MeshError
-        As `abfm.mesh.colors.load_colors`, and if an image is damaged, incomplete or too large.
+    images, or of white. Raises `MeshError` as `abfm.mesh.colors.load_colors`, and if an image is
+    damaged, incomplete or too large.
     """
     found = load_colors(path, mesh, image)
     decoded: dict[bytes | None, Pixels] = {None: np.full((1, 1, 4), 255, dtype=np.uint8)}
@@ -80,7 +76,7 @@ def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -
 
 
 def _decoded(data: bytes, pixels_max: int) -> Pixels:
-    """Return an image of at most so many pixels, (H, W, 4)."""
+    """Return an image (H, W, 4); refuse one of more than ``pixels_max`` pixels."""
     ignored = warnings.catch_warnings(action="ignore")
     with ignored, Image.open(BytesIO(data), formats=_FORMATS) as image:
         if image.width * image.height > pixels_max:

@@ -51,8 +51,6 @@ _LEGEND = {**CRITICAL_COLORS, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
 
 @dataclass(frozen=True)
 class Text:
-    """A text in one line."""
-
     left: float
     top: float
     text: str
@@ -71,8 +69,6 @@ class Strip:
 
 @dataclass(frozen=True)
 class Line:
-    """A polygonal line."""
-
     points: tuple[tuple[float, float], ...]
     color: Color
     width: float
@@ -101,16 +97,13 @@ Part = Text | Strip | Line | Disc | Veil
 
 @dataclass(frozen=True)
 class Pen:
-    """Sizes and colours of annotations.
-
-    Bars with ticks have an outline and round numbers.
-    """
+    """Sizes and colours of annotations."""
 
     scale: float  # of all lengths except those of text
     line: float  # height of a line of text
     width: Callable[[str], float]  # of a text
     inks: Palette
-    tick: float = 0.0  # length of a tick; 0 for none
+    tick: float = 0.0  # length of a tick, or 0; with ticks, bars have outlines and round numbers
 
 
 def bar_parts(
@@ -206,7 +199,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def bars_height(pen: Pen, height: float) -> float:
-    """Return the height of the colour bars with titles and numbers, in a scene of a height."""
+    """Return the height of colour bars, with titles and numbers, in a scene of a height."""
     bars = 2 * pen.line + pen.scale * (_GAP_ABOVE + _BAR_HEIGHT + 2 * _GAP + _GAP_BELOW)
     return bars if bars <= _BAR_HEIGHT_SHARE_MAX * height else name_height(pen)
 
@@ -248,7 +241,7 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend of critical points and missing values, at the right below the surfaces.
+    """Lay out the legend of critical points and missing values, below the surfaces.
 
     It is empty if it does not fit to the right of ``begin``.
     """
@@ -314,7 +307,6 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
 
 
 def window_pen(ui: Ui) -> Pen:
-    """Return the pen of the window, in its font and scale."""
     line = imgui.GetTextLineHeight()
     return Pen(ui.scale, line, lambda text: float(imgui.CalcTextSize(text)[0]), ui.colors)
 

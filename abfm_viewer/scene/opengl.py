@@ -42,10 +42,7 @@ _BALL = 256
 
 
 def reserve_core_for_solver() -> None:
-    """Limit the threads of Mesa, which would otherwise stop the solver at every frame.
-
-    Call this before `start`.
-    """
+    """Limit the threads of Mesa, which would stop the solver at every frame; before `start`."""
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 

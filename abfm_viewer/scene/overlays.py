@@ -87,7 +87,6 @@ class SurfacePath:
 
 
 def path_of_line(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> SurfacePath:
-    """Return a flow line as a path in the direction of the flow."""
     order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
     normals = normals_at(mesh, line.faces, line.barycentric)
     return SurfacePath(line.positions[order] / mesh.length_scale, normals[order])
@@ -236,7 +235,6 @@ def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray |
 
 
 def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb) -> None:
-    """Draw triangles over a surface in one colour."""
     vertices, faces = triangles
     places = viewport(mesh).drawn(mesh.length_scale * vertices)
     options = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
@@ -341,7 +339,7 @@ class Overlays:
             draw_points(_STARTS, source_mesh, quantities.starts(paths), marker, _POINT_RADIUS)
 
     def _draw_tracks(self, mesh: TriangleMesh) -> None:
-        """Draw the tracks of critical points of a sequence, and their present positions."""
+        """Draw the tracks of critical points of a sequence, and their positions now."""
         tracks, now = self._shown.tracks.paths(), self._shown.tracks.now()
         time = self._shown.session.document.time
         for kind in KINDS:
@@ -357,7 +355,6 @@ class Overlays:
                 draw_points(name, mesh, now[kind], color, _CRITICAL_POINT_RADIUS)
 
     def structures(self) -> Iterator[PlacedStructure]:
-        """Yield all drawn structures."""
         for name, (surface, _) in self._drawn.items():
             get = ps.get_point_cloud if name in _POINTS else ps.get_surface_mesh
             yield surface, name, get(name)

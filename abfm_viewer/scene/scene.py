@@ -141,7 +141,7 @@ class Scene:
 
     @property
     def viewpoint(self) -> Viewpoint | None:
-        """The present viewpoint; None before there is a front."""
+        """The current viewpoint; None before there is a front."""
         if viewpoint := self._session.view.viewpoint:
             return viewpoint
         return Viewpoint(front) if (front := self._front("advected")) else None
@@ -177,10 +177,7 @@ class Scene:
         return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
     def links(self) -> list[Link]:
-        """Return lines from points of surface A to their positions on B at the shown time.
-
-        Only lines with both ends in view are returned.
-        """
+        """Return lines from points of A to their images on B at the shown time, both in view."""
         session, ends = self._session, ("source", "advected")
         if not session.view.links or self._has_one_surface:
             return []
@@ -393,8 +390,6 @@ class Scene:
 
 @dataclass(frozen=True)
 class DrawnLandmark:
-    """A point of a landmark in the window."""
-
     surface: str
     side: Side | None  # of a placed point, which can be moved; None for one moved by the flow
     number: int  # from 0
@@ -408,8 +403,6 @@ Link = tuple[Place, Place, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Corresponding points of two surfaces, each array (P, 3)."""
-
     starts: FloatArray  # on A
     ends: FloatArray  # on B
     normals: FloatArray  # of B at the ends
@@ -472,7 +465,6 @@ class Placing:
         transforms: Mapping[str, FloatArray],
         structures: Iterable[PlacedStructure],
     ) -> None:
-        """Set the transform of each structure to that of its surface, (4, 4)."""
         window = ps.get_window_size()
         arrays = (view.rotation, view.target, *transforms.values())
         inputs = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))

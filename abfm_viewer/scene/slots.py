@@ -191,10 +191,7 @@ class SlotView:
         return replace(self, rotation=_orthonormal(turn @ self.rotation))
 
     def orbited(self, delta: Place) -> Self:
-        """Return the view after a drag of the turntable by pixels.
-
-        A horizontal drag turns it, a vertical one tilts it.
-        """
+        """Return the view after a drag by pixels: across turns the turntable, down tilts it."""
         radian = _BALL * self.radius * self.scale / self.zoom
         _, up, towards = self.rotation @ self.upright
         before = math.atan2(towards, up)
@@ -213,10 +210,7 @@ class SlotView:
         return replace(self, target=self.centre + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
-        """Return the view zoomed by a factor about a place of the window.
-
-        Zooming out also moves the target back to the centre.
-        """
+        """Return the view zoomed by a factor about a place; zooming out also centres the target."""
         zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0

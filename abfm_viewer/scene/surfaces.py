@@ -31,10 +31,7 @@ _EDGE_WIDTH_SHARE_MIN = 0.3
 
 
 class Viewport:
-    """Coordinates relative to the middle of a mesh, in sqrt(area).
-
-    Graphics cards have only 7 digits.
-    """
+    """Coordinates of a mesh from its middle in sqrt(area), as graphics cards have only 7 digits."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.centre: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
@@ -143,8 +140,6 @@ def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) ->
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective camera."""
-
     position: Triple
     target: Triple
     front: Front

@@ -55,20 +55,17 @@ _DIRECTIONS = 8  # in which the visibility of a disc is tested
 
 @dataclass(frozen=True)
 class ArrowStyle:
-    """Length of the longest arrow, spacing of the middles, and speed of the longest arrow.
-
-    A speed ``fast`` of 0 means `abfm.calculus.fast_speed` of the field.
-    """
+    """Length of the longest arrow, spacing of the middles, and speed of the longest arrow."""
 
     length: float
     spacing: float
-    fast: float = 0.0
+    fast: float = 0.0  # 0: `abfm.calculus.fast_speed` of the field
 
 
 def arrow_spacing(density: float, scale: float) -> float:
-    """Return the spacing of arrows at a density from 0 to 1.
+    """Return the spacing of arrows at a density from 0 to 1, hardly changing in pixels.
 
-    ``scale`` is the number of pixels of a unit length. The spacing in pixels hardly depends on it.
+    ``scale`` is the number of pixels of a unit length.
     """
     pixels = _SPARSE_PIXELS * (_DENSE_PIXELS / _SPARSE_PIXELS) ** min(max(density, 0.0), 1.0)
     level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
@@ -165,7 +162,7 @@ def arrows_of(
 def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.maps.SurfacePoints:
     """Return points with at least the given spacing that cover the surface.
 
-    For an eye, points whose flat disc is visible in most directions come first.
+    For an eye, points whose flat disc is visible in most directions are first.
     """
     spread = abfm.maps.spread_points(mesh)
     if eye is None:

@@ -14,14 +14,10 @@ _PIXELS = 1024  # along the longer side of a depth map
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A point of view, in units of the square root of a surface's area.
+    """A point of view, in units of the square root of a surface's area."""
 
-    The rows of ``axes`` (3, 3) point right, up, and towards the viewer. The projection is a
-    perspective from ``place`` (3,), or parallel if that is None.
-    """
-
-    axes: FloatArray
-    place: FloatArray | None = None
+    axes: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
+    place: FloatArray | None = None  # (3,) of a perspective; None for a parallel projection
 
     def towards(self, places: FloatArray) -> FloatArray:
         """Return unit vectors from places (..., 3) towards the eye."""

@@ -81,8 +81,6 @@ class LandmarkPaths:
 
 
 class ShownLandmarks(Jobs):
-    """The landmarks of a session, computed in the background."""
-
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session.at_once)
         self._session, self._flow = session, flow

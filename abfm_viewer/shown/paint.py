@@ -63,7 +63,7 @@ class Painter:
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
-        """Return the present paint of a surface; None if it has no values yet."""
+        """Return the current paint of a surface; None if it has no values yet."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
         if side and session.work.error(side):
@@ -105,8 +105,8 @@ class Painter:
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Return the paint of the source or target; None before its values are known.
 
-        The source shows the pattern at time 0 if the view shows a pattern. A function on A is
-        shown in its own unit, even if the functions compared on B have another one.
+        The source shows the pattern at time 0 if the view shows a pattern. A function on A is shown
+        in its own unit, even if the functions compared on B have another one.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
@@ -283,7 +283,7 @@ class Painter:
     def _compared(self, colors: ColorRange) -> Paint | None:
         """Return the paint of the comparison of a subject with its population.
 
-        None if there is no comparison, or a match or a run to show instead.
+        None if there is no comparison, or if a match or a run is shown instead.
         """
         session, document = self._session, self._session.document
         compared, active = document.active_comparison, document.active

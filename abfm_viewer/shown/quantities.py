@@ -127,7 +127,6 @@ def field_arrows(
 
 
 def derivative(field: Field, kind: Coloring) -> FloatArray:
-    """Return the divergence or the curl of a field, (V,)."""
     calculus, mesh = abfm.calculus, field.mesh
     operator = calculus.divergence if kind == "divergence" else calculus.curl
     return np.asarray(operator(mesh) @ calculus.to_frame(mesh, field.velocity).ravel())

@@ -13,10 +13,7 @@ from abfm_viewer.shown.tracks import ShownTracks
 
 
 class Shown:
-    """Flow, quantities, landmarks, tracks and transport of a session.
-
-    `quantities` depends on the kind of the document.
-    """
+    """Flow, quantities, landmarks, tracks and transport of a session, for its kind of document."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -39,10 +36,9 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Whether all times of the flow can be played.
+        """Whether all times of the flow can be played; otherwise the player waits.
 
-        Otherwise the player waits. It does not wait for the streaks of a sequence, as each interval
-        has its own field. The sequence is shown without streaks until they are computed.
+        It does not wait for the streaks of a sequence, as each interval has its own field.
         """
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits

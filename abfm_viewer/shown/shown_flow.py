@@ -48,7 +48,6 @@ class Span:
 
 
 def advected(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
-    """Return a function, advected to the times."""
     return state.advect(function, times)
 
 
@@ -69,11 +68,7 @@ def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = adve
 
 
 class AtShownTime:
-    """A function at the shown time.
-
-    It is the same array until its inputs change. While `behind` is true, it is that of an earlier
-    flow.
-    """
+    """A function at the shown time, which is the same array until its inputs change."""
 
     def __init__(self, jobs: Jobs, values_at: ValuesAtTimes = advected) -> None:
         self._values_at = values_at
@@ -130,16 +125,12 @@ class AtShownTime:
 
 
 def labels_at(mesh: TriangleMesh, values: IntArray, places: FloatArray) -> IntArray:
-    """Return the labels (P,) of the vertices nearest to places (P, 3).
-
-    ``values`` (V,) are the labels of all vertices.
-    """
+    """Return the labels (P,) of the vertices nearest to places (P, 3), from those of all (V,)."""
     return np.asarray(values[vertex_tree(mesh).query(places)[1]])
 
 
 @per_mesh
 def vertex_tree(mesh: TriangleMesh) -> KDTree:
-    """Return a tree of the vertices of a mesh."""
     from scipy.spatial import KDTree  # imported late: the first frame does not need it
 
     return KDTree(mesh.vertices)
@@ -188,10 +179,7 @@ class ShownFlow(Jobs):
         return time if flow is None else time * flow.parameters.tau / self._session.document.tau
 
     def advected(self) -> FloatArray | None:
-        """Return the source of the active channel at the shown time, (V,); None before it is known.
-
-        For two surfaces it is on B.
-        """
+        """Return the source of the active channel at the shown time, (V,), or None; for A, on B."""
         session, flow = self._session, self.state
         self.is_behind = False
         source = session.work.flow_values("source")

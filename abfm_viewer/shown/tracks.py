@@ -16,8 +16,6 @@ KINDS = ("source", "sink", "spiral", "saddle")
 
 
 class ShownTracks(Jobs):
-    """Tracks of critical points and episodes of the sequence of a session."""
-
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
