@@ -37,7 +37,6 @@ COLUMNS = 6
 
 @cache
 def vertices() -> dict[str, int]:
-    """Return the number of vertices of each sample, by name."""
     table: dict[str, int] = json.loads(TABLE.read_text(encoding="utf-8"))
     return table
 

@@ -43,7 +43,6 @@ commands:
 
 
 def run(words: list[str]) -> int:
-    """Run the command that the words of a command line name, and return the exit status."""
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     about = "show the version and exit"
     parser.add_argument(

@@ -18,8 +18,7 @@ from abfm.tasks.inputs import MESH_INPUTS, Input, by_name
 from abfm.tasks.inputs import mesh_options as options_in
 from abfm_viewer.cli.exit_status import UsageError, print_note
 
-OUTPUT = "output"
-"""Heading of the options of output files."""
+OUTPUT = "output"  # heading of the options of output files
 _DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 
 
@@ -48,7 +47,6 @@ class Parser(argparse.ArgumentParser):
         add("--help-all", action=_HelpAll, nargs=0, help=about)
 
     def is_main(self, action: argparse.Action) -> bool:
-        """Return whether ``--help`` shows an option."""
         names = {name.lstrip("-") for name in action.option_strings}
         if not names or not self.main_options or action.required:
             return True
@@ -62,7 +60,6 @@ class Parser(argparse.ArgumentParser):
         return self._help(self._actions, is_complete=True)
 
     def format_usage(self) -> str:
-        """Return one line: the arguments and the required options."""
         return f"usage: {self.usage_line}\n"
 
     @property
@@ -142,13 +139,11 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
 
 
 def add_up(add: Callable[..., None]) -> None:
-    """Declare the option of the axis that points upwards in pictures and pages."""
     about = "axis that points upwards in pictures and pages (default: z for a cortex of known"
     add("--up", f"{about} hemisphere, seen from the side; otherwise y)", choices=("x", "y", "z"))
 
 
 def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
-    """Declare the options for a folder of results, and those for their report."""
     add = adder(parser.add_argument_group(OUTPUT))
     about = "folder for the results, created if missing"
     add("--out", about, "DIR", type=folder, required=is_required)
@@ -175,7 +170,6 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def cluster_of(arguments: argparse.Namespace) -> Cluster:
-    """Return the processes or the cluster that the options select."""
     given = arguments.jobs, arguments.scheduler, arguments.scheduler_file
     if sum(each is not None for each in given) > 1:
         raise UsageError("--jobs, --scheduler and --scheduler-file exclude each other; give one")
@@ -215,7 +209,6 @@ def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] =
 
 
 def _setting(each: Input) -> argparse.Action:
-    """Return the description of a parameter for ``--help-all``."""
     name = f"{each.name.replace('-', '_')}={each.metavar}"
     help = f"{each.help} (default: {each.default})".replace("%", "%%")
     return argparse.Action([], each.name, metavar=name, help=help)
@@ -224,7 +217,6 @@ def _setting(each: Input) -> argparse.Action:
 def given_texts(
     arguments: argparse.Namespace, inputs: Sequence[Input]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each given input."""
     rare, settings = by_name(each for each in inputs if each.is_rare), dict[str, str]()
     own = [option(name) for name in MAIN_FIELDS]
     for word in arguments.set if rare else ():
@@ -252,7 +244,6 @@ def given_texts(
 
 
 def shown_name(each: Input) -> str:
-    """Return the name of an input on the command line."""
     return each.metavar if each.is_argument else f"--{each.name}"
 
 

@@ -26,8 +26,6 @@ from abfm_viewer.files import outputs
 
 
 class Command:
-    """Command that solves a kind of task."""
-
     def __init__(self, task: type[Task]) -> None:
         self.task, self.SUMMARY, self.DESCRIPTION = task, task.summary, task.description
         self.DETAILS = task.details

@@ -21,8 +21,7 @@ from abfm.workers.threads import DaemonThreads
 
 Value = TypeVar("Value")
 
-THREADS = DaemonThreads("background")
-"""Threads for all work that the window does not wait for."""
+THREADS = DaemonThreads("background")  # threads for all work that the window does not wait for
 
 
 def error_line(error: BaseException) -> str:
@@ -52,7 +51,6 @@ class Memo(Generic[Value]):
         self._entry: tuple[tuple[object, ...], Value] | None = None
 
     def get(self, inputs: tuple[object, ...], make: Callable[[], Value]) -> Value:
-        """Return the cached value, or make and cache it if the inputs have changed."""
         if self._entry is None or not same(self._entry[0], inputs):
             self._entry = inputs, make()
         return self._entry[1]

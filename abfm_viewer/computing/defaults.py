@@ -15,8 +15,7 @@ _WIDTH_EDGES = 3.0
 """Width on a coarser mesh, in edges of equilateral triangles of the same total area."""
 _WIDTH_EDGES_MAX = 4.0
 """Width in edges of the mesh itself above which Gaussians are narrowed, at most to `WIDTH`."""
-_WIDTH_EDGES_MIN = 2.0
-"""Width in edges of the mesh itself below which Gaussians are widened."""
+_WIDTH_EDGES_MIN = 2.0  # width in edges of the mesh itself below which Gaussians are widened
 _SOURCE_POSITION = 0.42
 """Position of the source on the longest geodesic, from 0 at one end to 1 at the other."""
 _TARGET_DISTANCE = 0.5

@@ -32,8 +32,7 @@ _SIZE_MIN = 1e-30
 _SIZE_MAX = 1e30
 
 Result = TypeVar("Result")
-Evaluated = dict[str, FloatArray | str]
-"""Values (V,) by spec, or an error message in one line."""
+Evaluated = dict[str, FloatArray | str]  # values (V,) by spec, or an error message in one line
 
 
 class Functions:

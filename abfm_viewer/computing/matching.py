@@ -301,7 +301,6 @@ class Matching:
             self._best = snapshot
 
     def _recovered(self, functions: Evaluators) -> abfm.Match | None:
-        """Return the best match of a run that failed."""
         for snapshot in (self.snapshot if self._since_restart else None, self._best):
             with suppress(AbfmError, MemoryError):  # if the process was killed
                 if snapshot is not None:

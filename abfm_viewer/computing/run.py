@@ -23,8 +23,7 @@ from abfm_viewer.computing.freed_memory import return_free_memory
 
 Result = TypeVar("Result")
 Value = TypeVar("Value")
-ProcessCache = dict[int, Any]
-"""Values that functions store in their process for later calls."""
+ProcessCache = dict[int, Any]  # values that functions store in their process for later calls
 
 _ENDED_MESSAGE = (
     "the computing process ended unexpectedly, possibly because memory ran out; try again"
@@ -53,7 +52,6 @@ class Process:
         self._is_closed = False
 
     def call(self, function: Callable[..., Value], *given: Any) -> Call[Value]:
-        """Queue a call of a function, and do not wait for it."""
         return self._started().call(function, *given)
 
     def call_now(self, function: Callable[..., Value], *given: Any) -> Value:
@@ -197,7 +195,6 @@ class Run(Generic[Result]):
             then(found)
 
     def forget(self) -> None:
-        """Reset the state, as if the last run had not existed."""
         self.state, self.reason = RunState.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:

@@ -12,8 +12,7 @@ from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, shown
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
-Line = str | tuple[str, str]
-"""A paragraph, or a row of two columns."""
+Line = str | tuple[str, str]  # A paragraph, or a row of two columns
 _MESSAGE_WIDTH = 520
 _QUESTION_WIDTH = 460
 _FIRST_COLUMN = 0.34

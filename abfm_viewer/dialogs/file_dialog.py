@@ -11,8 +11,7 @@ from abfm_viewer.computing.background import Latest
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
-ENTRIES_MAX = 10_000
-"""Largest number of entries that are listed."""
+ENTRIES_MAX = 10_000  # largest number of entries that are listed
 _ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # ending of any file name
 _WIDTH = 640
 _HEIGHT = 480

@@ -50,8 +50,7 @@ HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic"
 FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 DEFAULT_PARAMETERS = Parameters()
-EXTRAPOLATION = 2.0
-"""End of the time bar as a multiple of tau."""
+EXTRAPOLATION = 2.0  # end of the time bar as a multiple of tau
 ZOOM_MAX = 200.0
 ZOOM_MIN = 0.2
 """Largest and smallest zoom."""
@@ -348,16 +347,14 @@ class Document:
     )
     """Tooltips of the buttons for play, step back, step forward and start."""
     speed_tip: ClassVar[str] = "Playing speed: at 1 the flow takes four seconds from 0 to τ."
-    extrapolates: ClassVar[bool] = True
-    """Whether times after the last target can be shown."""
+    extrapolates: ClassVar[bool] = True  # whether times after the last target can be shown
     has_one_field: ClassVar[bool] = True
     """Whether the same flow is shown at all times; playing then waits for the complete flow."""
     has_sides: ClassVar[bool] = True
     """Whether Gaussians and landmarks can be placed on a source and a target."""
     content_fields: ClassVar[tuple[str, ...]] = ("labels", "lines", "points")
     """Names of fields that count as unsaved changes, besides the result."""
-    exported_fields: ClassVar[tuple[str, ...]] = ()
-    """Names of fields that a result file contains."""
+    exported_fields: ClassVar[tuple[str, ...]] = ()  # names of fields that a result file contains
     surface_count: ClassVar[int] = 1
 
     surfaces: tuple[Surface, ...]  # the only surface, or A and B
@@ -409,12 +406,10 @@ class Document:
 
     @property
     def match(self) -> Match | None:
-        """The result if it is a match of two functions."""
         return None
 
     @property
     def initial_map(self) -> InitialMap | None:
-        """Initial map of the result, for two surfaces."""
         return None
 
     @property
@@ -529,7 +524,6 @@ class Document:
 
     @property
     def time_range_label(self) -> str:
-        """Range of the time bar, in short."""
         return "0 to 2τ"
 
     @property
@@ -546,7 +540,6 @@ class Document:
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the result belongs to other inputs than those of the document."""
         return False
 
     def check(self) -> None:

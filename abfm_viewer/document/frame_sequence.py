@@ -14,8 +14,7 @@ from abfm.pages.front import Front, best_front, changes_in_time
 from abfm.types import FloatArray
 
 GAMMA_MAX = 1e6
-FRAMES_A_SECOND = 5.0
-"""Frames per second at playing speed 1."""
+FRAMES_A_SECOND = 5.0  # frames per second at playing speed 1
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,6 @@ class SequenceSettings:
 
 
 def settings_of(sequence: abfm.Sequence) -> SequenceSettings:
-    """Return the settings with which a sequence was solved."""
     given = sequence.parameters
     alpha = None if "alpha" in given.automatic else given.alpha
     order = None if "order" in given.automatic else given.order

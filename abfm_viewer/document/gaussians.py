@@ -87,7 +87,6 @@ def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
 
 
 def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
-    """Return a scaled or mapped function with another function inside."""
     if isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
         return replace(tree, function=_with_inner(tree.function, inner))
     return inner

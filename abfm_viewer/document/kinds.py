@@ -47,10 +47,8 @@ if TYPE_CHECKING:  # a document without a result does not load its type
 
 MEASURED_COLUMN = "measured"
 """Column of a mask that is 0 where functions had no values and were filled in."""
-OF_A = "A: "
-"""Prefix of keys of values from files that are on surface A of two."""
-GIVEN_WORD = "given"
-"""Word of an initial map that was opened with a registration file."""
+OF_A = "A: "  # prefix of keys of values from files that are on surface A of two
+GIVEN_WORD = "given"  # word of an initial map that was opened with a registration file
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,10 +143,7 @@ class MatchDocument(Document):
     def outcome(
         self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
     ) -> dict[str, Any]:
-        """Return the fields that a run changes.
-
-        ``initial`` is the initial map of the run, for two surfaces.
-        """
+        """Return the fields that a run changes; ``initial`` is its initial map, if any."""
         runs = self.runs if run is None else (*self.runs, run)
         return {"result": match, "runs": runs, "solver_step": None}
 
@@ -162,7 +157,6 @@ class MatchDocument(Document):
             raise ValueError(f"bump is {self.bump}; expected 0 or more")
 
     def differs(self, result: Match, values: Values) -> bool:
-        """Return whether a result belongs to another problem than that of this document."""
         alone = self.landmarks_alone and result.problem.is_of_landmarks
         return (
             len(self.channels) != result.source.shape[1]

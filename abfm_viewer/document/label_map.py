@@ -53,7 +53,6 @@ class LabelMap:
         return np.asarray(table[np.searchsorted(self.keys, values)])
 
     def labels(self, values: IntArray) -> Labels:
-        """Return keys (V,) as labels for a file, with these names and colours."""
         pairs = zip(self.keys, self.names, strict=True)
         colors = {key: (*color, 1.0) for key, color in zip(self.keys, self.colors, strict=True)}
         return Labels(values, {key: name for key, name in pairs if name}, colors)

@@ -28,14 +28,11 @@ _POINTS = "NIFTI_INTENT_POINTSET"
 
 
 def is_named_as_frames(path: Path) -> bool:
-    """Return whether a file contains frames, according to its name."""
     name = path.name.lower()
     return name.endswith(FRAME_ENDINGS) or _NUMBERED_NAME.search(name) is not None
 
 
 class Contents(StrEnum):
-    """Kind of a file or folder."""
-
     MESH = "mesh"
     FRAMES = "frames"
     DOCUMENT = "document"

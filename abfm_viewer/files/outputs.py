@@ -32,7 +32,6 @@ def suffixes(task: type[Task]) -> tuple[str, ...]:
 
 
 def check_result(path: Path, task: type[Task]) -> None:
-    """Raise a `ResultError` if a result of a task cannot be written to a path."""
     check(path, suffixes(task))
     if path.suffix in task.exports:
         task.exports[path.suffix].check(path)

@@ -34,8 +34,7 @@ from abfm_viewer.document.document import SIDES, Document, Point, Range, RunReco
 from abfm_viewer.document.kinds import KINDS
 from abfm_viewer.document.label_map import LabelMap
 
-MEMBER = "origin.json"
-"""Member of an autosaved copy that names the original project file."""
+MEMBER = "origin.json"  # member of an autosaved copy that names the original project file
 _FORMAT = 9
 _JSON_BYTES_MAX = 2 << 20  # of a member
 _RESULT = "result.npz"
@@ -280,7 +279,6 @@ class _Reader:
         return isinstance(value, str) and value in self._objects
 
     def array(self, entry: Entry, value: Any, where: str, sizes: dict[str, int]) -> Any:
-        """Return an array by its name, checked against an entry."""
         is_there = isinstance(value, str) and value in self._arrays
         _expect(is_there, where, value, "an array that is in the file")
         return entry.check(where, np.asarray(self._arrays[value]), sizes)
@@ -354,7 +352,6 @@ def _read(plain: Any, view: Any, reader: _Reader) -> tuple[Document, dict[str, F
 
 
 def _check(document: Document) -> None:
-    """Raise a `ValueError` if the parts of a document are inconsistent."""
     result, initial = document.result, document.initial_map
     meshes = [surface.mesh for surface in document.surfaces]
     count = document.surface_count

@@ -18,10 +18,7 @@ _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # facts of subjec
 
 
 def place_of(path: Path) -> Path | None:
-    """Return the folder of results to which a path belongs; None if the path is not a table.
-
-    The file of a population stands for itself.
-    """
+    """Return the folder of results to which a path belongs, or a population's file, or None."""
     if path.is_dir() or path.name == POPULATION:
         return path
     if path.name == "rows.json" and path.parent.name == _LEDGER:

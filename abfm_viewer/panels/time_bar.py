@@ -11,8 +11,7 @@ from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui, finite
 from abfm_viewer.widgets.widget_record import Range, Rect
 
-STEP = 1 / 20
-"""Time of a step, as a fraction of tau."""
+STEP = 1 / 20  # time of a step, as a fraction of tau
 PADDING = 20
 GAP = 8
 # at a scale of 1; in a narrower bar the combo repeat has no caption

@@ -91,7 +91,6 @@ def _mapped(luminance: FloatArray) -> FloatArray:
 
 
 def draw_parts(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) -> None:
-    """Draw annotations that were laid out for a pen with a font."""
     for part in parts:
         if isinstance(part, Text):
             _write(picture, part, pen, font)

@@ -115,7 +115,6 @@ def _finished(
 
 
 def _new_axes(size: tuple[int, int]) -> tuple[Figure, Axes]:
-    """Return a new plot of a size (width, height) in pixels."""
     figure = Figure(figsize=(size[0] / _DPI, size[1] / _DPI), dpi=_DPI, layout="constrained")
     return figure, figure.add_subplot()
 
@@ -142,7 +141,6 @@ def _rendered(figure: Figure) -> Image.Image:
 
 
 def _covers_curves(legend: Legend, axes: Axes) -> bool:
-    """Return whether a curve crosses the legend at its best place."""
     box = legend.get_window_extent()
     for line in axes.get_lines():
         corners = line.get_transform().transform(line.get_xydata())

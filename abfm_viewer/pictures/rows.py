@@ -22,8 +22,7 @@ from abfm_viewer.scene.surfaces import Camera, fitted
 
 _ASPECT_MIN = 0.5
 _ASPECT_MAX = 1.5
-PREVIEW_SIZE = 132, 110
-"""Width and height of each of the three functions of a preview, in pixels."""
+PREVIEW_SIZE = 132, 110  # width and height of each of the three functions of a preview, in pixels
 _RESULTS_PER_CANVAS = 24  # because a canvas takes long to create
 _CACHED_MESHES_MAX = 50  # with their cameras
 

@@ -13,8 +13,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.parameters import FIELDS, option
 from abfm_viewer.reports.pages import abbreviated, render
 
-ROWS_SHOWN_MAX = 1000
-"""Most rows on a page, which has about 6 MB with their pictures."""
+ROWS_SHOWN_MAX = 1000  # most rows on a page, which has about 6 MB with their pictures
 _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
 _HEADS = ("", "residual", "along flow lines", "folded", "|log2\u00a0J|", "seconds")
 _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
@@ -197,7 +196,6 @@ def _facts(row: SummaryRow) -> dict[str, object]:
 
 
 def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
-    """Return the options that are the same in all rows."""
     if len(rows) < 2:
         return []
     found = dict.fromkeys(rows[0].entry.row.options)

@@ -25,12 +25,10 @@ if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures
     from abfm_viewer.pictures.registration_pictures import RegistrationPictures
 
-COVERAGE_MIN = 0.98
-"""A report warns of a map that covers a smaller share of A."""
+COVERAGE_MIN = 0.98  # A report warns of a map that covers a smaller share of A
 RETURN_EDGES_MAX = 0.1
 """A report warns if 5% of the vertices have a larger round-trip error, in edge lengths."""
-TEXT_LENGTH_MAX = 400
-"""Characters of a name, an option or a reason on the page of a batch."""
+TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason on the page of a batch
 _PICTURE_COLORS = 256  # a third of the bytes, without a visible difference
 _TABLE_1_COLUMNS = {
     "tau": "τ",

@@ -205,14 +205,12 @@ def bars_height(pen: Pen, height: float) -> float:
 
 
 def name_height(pen: Pen) -> float:
-    """Return the height of the name of a surface, with margins."""
     return pen.line + 4 * _GAP * pen.scale
 
 
 def annotation_parts(
     scene: Scene, rect: Rect, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
-    """Lay out all annotations of a scene in a rectangle."""
     borders = scene.view.borders() if scene.shown else []
     outdated, veil = scene.outdated, (*pen.inks.ground[:3], _VEIL_OPACITY)
     found: list[Part] = [Veil(scene.view.slots[name].rect, veil) for name in outdated]
@@ -363,8 +361,7 @@ def _u32(color: Color) -> int:
     return int(imgui.GetColorU32(color))
 
 
-Centre = tuple[FloatArray, FloatArray]
-"""A point (3,) and the normal (3,) of the surface there."""
+Centre = tuple[FloatArray, FloatArray]  # A point (3,) and the normal (3,) of the surface there
 
 
 class GaussianMarkers:

@@ -156,7 +156,6 @@ def _fitting_start(ends: FloatArray, start: float, length: float) -> float:
 
 
 def _discs(nodes: SurfacePath, radius: float) -> Triangles:
-    """Return flat discs on the surface."""
     one = unit(np.cross(nodes.normals, np.roll(nodes.normals, 1, axis=1) + _OFF_NORMAL))
     other = np.cross(nodes.normals, one)
     angles = 2 * np.pi * np.arange(_DISC_CORNERS) / _DISC_CORNERS
@@ -339,7 +338,6 @@ class Overlays:
             draw_points(_STARTS, source_mesh, quantities.starts(paths), marker, _POINT_RADIUS)
 
     def _draw_tracks(self, mesh: TriangleMesh) -> None:
-        """Draw the tracks of critical points of a sequence, and their positions now."""
         tracks, now = self._shown.tracks.paths(), self._shown.tracks.now()
         time = self._shown.session.document.time
         for kind in KINDS:

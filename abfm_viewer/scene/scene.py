@@ -32,10 +32,8 @@ from abfm_viewer.widgets.widget_record import Rect
 # Distance of the viewer, in radii of a surface; parts of it may be two radii in front of its slot.
 _VIEWER_DISTANCE = 4.0
 _RIM_POINTS = 32
-LANDMARK_RADIUS = 9.0
-"""Radius of landmarks, in pixels at a scale of 1."""
-NO_VALUE = "no value"
-"""Text for grey in the legend."""
+LANDMARK_RADIUS = 9.0  # radius of landmarks, in pixels at a scale of 1
+NO_VALUE = "no value"  # text for grey in the legend
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +221,6 @@ class Scene:
         return found
 
     def landmark_at(self, place: Place) -> DrawnLandmark | None:
-        """Return the movable landmark at a place of the window, or None."""
         reach = LANDMARK_RADIUS * self.pixels
         near = [
             (math.dist(landmark.place, place), landmark)
@@ -283,7 +280,6 @@ class Scene:
         return self._hit(name, face, inside / inside.sum())
 
     def nearest(self, name: str, position: FloatArray) -> Hit:
-        """Return the point of a surface that is nearest to a position (3,)."""
         mesh = self._session.surface(name).mesh
         found = abfm.maps.project_onto_surface(mesh, position[None])
         return self._hit(name, int(found.faces[0]), found.barycentric[0])
@@ -397,8 +393,7 @@ class DrawnLandmark:
     is_goal: bool  # drawn as a ring, around the point that the flow should move there
 
 
-Link = tuple[Place, Place, FloatArray]
-"""Both ends of a line in the window, and its colour (3,)."""
+Link = tuple[Place, Place, FloatArray]  # both ends of a line in the window, and its colour (3,)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,7 @@ _NAME_WIDTH_SHARE = 0.35  # of the width of the slot, for a name at the left
 _BALL = 0.8  # radius of the ball that the mouse turns, relative to that of the surface
 _TILT_MAX = math.pi / 2
 
-Place = tuple[float, float]
-"""A point of the window, in pixels."""
+Place = tuple[float, float]  # A point of the window, in pixels
 
 
 @dataclass(frozen=True)

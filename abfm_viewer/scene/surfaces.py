@@ -49,7 +49,6 @@ viewport = per_mesh(Viewport)
 
 
 def register(name: str, mesh: TriangleMesh) -> Any:
-    """Add a mesh to polyscope, and return its structure."""
     split = drawn_mesh(mesh)
     return ps.register_surface_mesh(
         name,
@@ -178,7 +177,6 @@ def fitted(
 
 
 def set_camera(camera: Camera, mesh: TriangleMesh) -> None:
-    """Make polyscope draw a mesh as a camera sees it."""
     places = viewport(mesh).drawn(mesh.vertices)
     low, high = places.min(axis=0), places.max(axis=0)
     ps.set_bounding_box(low, high)

@@ -58,7 +58,6 @@ class Bound:
         self._run = self._result = None
 
     def update(self) -> None:
-        """Show the field when it is found. Call once per frame."""
         if self._run is not None and self._editor.document.match is not self._result:
             self.stop()
         elif self._run is not None:

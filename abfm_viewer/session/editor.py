@@ -56,7 +56,6 @@ class Editor:
 
     @property
     def draft(self) -> MatchDocument:
-        """The document, which must be a `MatchDocument`."""
         assert isinstance(self.document, MatchDocument)
         return self.document
 

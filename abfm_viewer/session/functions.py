@@ -41,7 +41,6 @@ class DocumentFunctions:
         return Evaluators(*(self.of(document.surface(side).mesh) for side in SIDES))
 
     def add(self, mesh: TriangleMesh, known: Mapping[str, FloatArray]) -> None:
-        """Add a mesh that was opened, with values (V,) of functions from files."""
         if mesh in self._by_mesh:
             self._by_mesh[mesh].stop_requests()
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)

@@ -26,8 +26,7 @@ from abfm_viewer.session.functions import DocumentFunctions
 if TYPE_CHECKING:
     from abfm.registration.initial.map_input import Initial, MapInput
 
-_FIRST_WORD = "closest"
-"""Word of the map that is shown while candidates are compared."""
+_FIRST_WORD = "closest"  # word of the map that is shown while candidates are compared
 _WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
 _WITHOUT_LANDMARKS = ("connectivity", "file")
 
@@ -145,7 +144,6 @@ class InitialMaps:
         return self._columns[side].get((prepared, channel, values_of_side), column)
 
     def _given(self, document: PairDocument) -> _ChannelValues | None:
-        """Return the functions, the mask and the weights; None if values are missing."""
         known, sides = self._functions.values, []
         for side in SIDES:
             found = [known(document.function(side, channel)) for channel in document.channels]

@@ -11,8 +11,7 @@ from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.session.notices import Notices, Remedies
 
-OPENING = "opening"
-"""Topic of cards about opening."""
+OPENING = "opening"  # topic of cards about opening
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,6 @@ class Loading:
             self._drop()
 
     def update(self) -> None:
-        """Show the result when it was read. Call once per frame."""
         load, reader = self.now, self._reader
         self._readers = {
             key: each for key, each in self._readers.items() if each is reader or each.is_running

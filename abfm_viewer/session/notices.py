@@ -14,8 +14,7 @@ _NOTICE_SECONDS = 6.0
 _ERROR_SECONDS = 12.0
 _LOG_ENTRIES_MAX = 1000
 _CARDS_MAX = 50
-RUN = "run"
-"""Topic of cards about a match."""
+RUN = "run"  # topic of cards about a match
 Remedies = Mapping[str, Callable[[], None]]
 """Actions that may solve a problem, by the labels of their buttons."""
 

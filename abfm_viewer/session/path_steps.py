@@ -46,11 +46,9 @@ class PathSteps:
             self.update()
 
     def stop(self) -> None:
-        """Drop a requested step and keep the current result."""
         self._wanted = None
 
     def update(self) -> None:
-        """Show the requested step when it is computed. Call once per frame."""
         if self._wanted is None:
             return
         document, (requested_of, step) = self._editor.document, self._wanted

@@ -4,10 +4,8 @@ from typing import Literal, get_args
 
 Repeat = Literal["once", "loop", "ping-pong"]
 REPEATS: tuple[Repeat, ...] = get_args(Repeat)
-SECONDS = 4.0
-"""Seconds from time 0 to tau at speed 1."""
-SECONDS_PER_CYCLE = 1.0
-"""Period of moving streaks in seconds."""
+SECONDS = 4.0  # seconds from time 0 to tau at speed 1
+SECONDS_PER_CYCLE = 1.0  # period of moving streaks in seconds
 _FRAME_SECONDS_MAX = 0.1  # so that the time does not jump after a long frame
 
 

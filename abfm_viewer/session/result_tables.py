@@ -29,8 +29,6 @@ _REFRESH_SECONDS = 2.0  # between checks of the table's folder
 
 
 class FoundTable(NamedTuple):
-    """A table that was read, with its worst row that can be shown."""
-
     reader: TableReader
     table: ResultTable
     row: ResultRow | None
@@ -54,7 +52,6 @@ def document_of_row(table: ResultTable, row: ResultRow, kind: ComparisonKind) ->
 
 
 def document_of_result(row: ResultRow) -> Opened:
-    """Return the document of a row's result, with the name of the row."""
     assert row.path is not None
     document, known = read_document(row.path)
     return row.label_document(document), known
@@ -189,7 +186,6 @@ class Tables:
         self._session.notices.show(f"opened {found.table.title}: {found.table.summary}")
 
     def take(self, found: FoundTable) -> None:
-        """Open a table whose row is shown already."""
         self.table, self._reader = found.table, found.reader
         self.column, self.falls, self.search = "verdict", False, ""
         self.cursor = None if found.row is None else found.row.key
@@ -239,7 +235,6 @@ class Tables:
         self._open(row, partial(document_of_result, row))
 
     def compare(self, kind: ComparisonKind) -> None:
-        """Choose the quantity that is shown of this and later subjects."""
         self.comparison_kind = kind
         document = self._session.document
         if isinstance(document, SubjectDocument):
@@ -275,7 +270,6 @@ class Tables:
         self._jobs.close()
 
     def _key_of(self, shown: Identity) -> Key | None:
-        """Return the key of the table's row to which a document belongs."""
         place, key = self._rows_of.get(shown, (None, None))
         return key if self.table is not None and place == self.table.place else None
 

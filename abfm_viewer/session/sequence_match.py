@@ -67,7 +67,6 @@ class SequenceMatch:
         self._run.start(work, end, resumes=True)
 
     def found_count(self, document: SequenceDocument) -> int:
-        """Return the number of fields that a run of the document has found so far."""
         is_of_run = (
             self.running_document is not None
             and self.running_document.sequence is document.sequence

@@ -60,8 +60,7 @@ OTHER_SECOND = "Open another second surface..."
 OTHER_FRAMES = "Open other frames..."
 OTHER_TABLE = "Open another table..."
 """Labels of actions that are offered if a file cannot be read or written."""
-SAVING_TOPIC = "saving"
-"""Topic of cards about saving."""
+SAVING_TOPIC = "saving"  # topic of cards about saving
 Action = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
 
@@ -246,7 +245,6 @@ class SessionFiles:
         return show
 
     def _choose_array(self, path: Path, names: tuple[str, ...]) -> None:
-        """Let the user choose which array of a file contains the frames."""
         name = one_line(path.name, 60)
         self._session.notices.show(f"{name} has {len(names)} arrays; choose one of them")
         answers: dict[str, Action | None] = {
@@ -278,8 +276,6 @@ class SessionFiles:
         self.open_made(f"{sequence.frame_label(first)} to {sequence.frame_label(last)}", make)
 
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
-        """Open a mesh in the background, and then a second file that belongs to it."""
-
         def show(path: Path, found: TriangleMesh) -> None:
             self._show_mesh(path, found)
             then(second)
@@ -314,8 +310,6 @@ class SessionFiles:
             self._session.notices.show(text)
 
     def open_made(self, name: str, make: Callable[[View], Opened]) -> None:
-        """Open a sample that is computed in the background."""
-
         def show(document: Document, known: dict[str, FloatArray]) -> None:
             self._session.restore(document, known, None)
             self._samples[document.identity] = name if name == document.name else capital(name)
@@ -396,7 +390,6 @@ class SessionFiles:
         self._open_question("Replace the result?", text, {"Replace": do, "Go back": None})
 
     def end_run(self, what: str, then: Action) -> None:
-        """End the run, and perform an action when it has ended."""
         self._session.solver.cancel()
         self.waiting = Load(what, lambda: then)
 
@@ -440,7 +433,6 @@ class SessionFiles:
         self._writing.append((future, end, actions))
 
     def when_saved(self, then: Action) -> None:
-        """Perform an action after the latest save."""
         self._writing[-1][2].append(then)
 
     def update(self) -> None:

@@ -25,8 +25,7 @@ from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN, Remedies
 from abfm_viewer.session.parts import Parts
 
-Start = Callable[[bool | None], None]
-"""Starts a run, as `Session.match` does."""
+Start = Callable[[bool | None], None]  # starts a run, as `Session.match` does
 _STREAK_FACES_MAX = 50_000  # larger meshes get no streaks after a match, which take two seconds
 
 
@@ -512,7 +511,6 @@ def _expected_facts(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Fa
 
 
 def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> str:
-    """Return the message after a cancelled run of a sequence."""
     text = f"cancelled: {count} of {counted(total, 'interval')} found"
     if earlier is None or not earlier.solved.any():
         return text

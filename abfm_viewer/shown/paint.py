@@ -24,8 +24,7 @@ from abfm_viewer.document.document import HODGE_PARTS, SIDES, TRANSFERRED_COLORI
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
-COMPUTING_SUFFIX = ": computing"
-"""Suffix of the title of a surface whose values are being computed."""
+COMPUTING_SUFFIX = ": computing"  # suffix of the title of a surface whose values are being computed
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _RANGE_MIN = 1e-12
 _RANGE_TOLERANCE = 0.02  # of a range: values farther outside are noted in the title

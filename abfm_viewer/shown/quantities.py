@@ -65,7 +65,6 @@ class Field:
 
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
-    """Return a part of the field of a segment, or the field that commutes with it."""
     velocity, shares, note, fast = flow.velocity[segment], {}, "", 0.0
     if part == "complete" and len(flow.velocity) > 1:
         speeds = np.linalg.norm(flow.velocity, axis=2)
@@ -271,7 +270,6 @@ class FieldQuantities(Jobs):
         return field.fast
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
-        """Return which arrows the surface hides from an eye, (A,)."""
         return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, eye)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:

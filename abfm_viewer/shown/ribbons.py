@@ -7,8 +7,7 @@ from abfm import TriangleMesh
 from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 
-Triangles = tuple[FloatArray, IntArray]
-"""Vertices (V, 3) and faces (F, 3)."""
+Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
 
 def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:

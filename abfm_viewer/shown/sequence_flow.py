@@ -184,6 +184,5 @@ def _part_of_interval(flow: FlowState, segment: int, part: FieldPart, unit: str)
 
 
 def _key_of(field: Field, options: tuple[bool, bool]) -> tuple[object, ...]:
-    """Return the key of the streaks of an interval in the cache."""
     identity = id(field if field.interval_field is None else field.interval_field)
     return identity, field.part, *options

@@ -55,10 +55,7 @@ class Shown:
 
     @property
     def busy(self) -> str:
-        """Description of the present background computation; empty if there is none.
-
-        The solver is not included.
-        """
+        """Description of background computations other than the solver; empty if there are none."""
         if self.session.busy:
             return self.session.busy
         if self.flow.busy:

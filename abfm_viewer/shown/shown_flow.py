@@ -76,7 +76,7 @@ class AtShownTime:
         self._exact: Latest[FloatArray] = jobs.latest()
         self._blended = Memo[FloatArray]()
         self._at_once = jobs.at_once
-        self.behind = False
+        self.behind = False  # whether the function is that of an earlier flow
 
     @property
     def problem(self) -> str:
@@ -91,7 +91,6 @@ class AtShownTime:
         return self._span.newest(function.shape, span, state, function, self._values_at)
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
-        """Return whether the values at all times are computed."""
         if not self._at_once:
             self._newest_span(state, function)
         return not self._span.busy

@@ -80,7 +80,6 @@ def set_up_linear(title: str, ends: tuple[float, float], up_title: str, values: 
 
 
 def span(start: float, end: float, color: Color) -> None:
-    """Fill the plot between two positions of the horizontal axis."""
     (_, top), (_, height) = implot.GetPlotPos(), implot.GetPlotSize()
     left, right = (implot.PlotToPixels(place, 1.0)[0] for place in (start, end))
     implot.PushPlotClipRect()

@@ -20,8 +20,7 @@ from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
-AUTO = "auto"
-"""Text of a number that is chosen automatically."""
+AUTO = "auto"  # text of a number that is chosen automatically
 TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
@@ -584,7 +583,6 @@ def close_by_escape() -> None:
 
 
 def finite(text: str) -> float | None:
-    """Return the finite number that a text contains; None if it is not one."""
     with suppress(ValueError):
         number = float(text)
         return number if math.isfinite(number) else None

@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-Rect = tuple[float, float, float, float]
-"""Left, top, right, bottom in window pixels."""
+Rect = tuple[float, float, float, float]  # left, top, right, bottom in window pixels
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
 WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "marker"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
@@ -120,7 +119,6 @@ class WidgetRecord:
 
     @contextmanager
     def disabled(self, condition: bool) -> Iterator[None]:
-        """Record the widgets of the block as disabled if the condition holds."""
         self._disabled += condition
         try:
             yield

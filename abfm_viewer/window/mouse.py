@@ -89,7 +89,6 @@ class Mouse:
         self._turned = replace(turned, place=place)
 
     def _enlarge(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Enlarge a surface after a double click, or show all surfaces again."""
         if over and imgui.IsMouseClicked(0):
             self._double_click = place if imgui.IsMouseDoubleClicked(0) else None
         if over and imgui.IsMouseReleased(0) and self._double_click is not None:

@@ -17,8 +17,7 @@ from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.types import FloatArray
 from abfm.workers.worker import Worker, no_state
 
-NAME = "population.npz"
-"""Name of the file of the population."""
+NAME = "population.npz"  # name of the file of the population
 MESH = "human_A.off"
 SUBJECTS = 8
 OUTLIER_NAME = "subject 5, outlier"

@@ -173,7 +173,6 @@ def _is_chosen(
     size: tuple[float, float],
     textures: SampleTextures,
 ) -> bool:
-    """Draw the entry of a sample; return whether it was chosen."""
     (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))

@@ -17,8 +17,7 @@ from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.scene.slots import rotation
 
 FRAMES = 24
-STEP = 0.04
-"""Seconds between two frames."""
+STEP = 0.04  # seconds between two frames
 _TURN = 2.2  # rotation about the axis of the spiral, in radians per second
 _WANDER = 1.3  # rotation of this axis about another one, in radians per second
 # of the spiral
@@ -56,7 +55,6 @@ def drifting_wave(mesh: TriangleMesh, times: FloatArray) -> tuple[FloatArray, Fl
 
 
 def fsaverage5() -> Path | None:
-    """Return the folder of fsaverage5 in nilearn; None if nilearn is not installed."""
     found = find_spec("nilearn")
     if found is None or found.origin is None:
         return None

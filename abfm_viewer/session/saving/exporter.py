@@ -129,7 +129,6 @@ class Exporter:
         self._start(path, outputs.suffixes(task), write)
 
     def save_table(self, path: Path, found: Any, name: str) -> None:
-        """Write one of the tables of a result (`abfm.tasks.task.Task.tables`)."""
         table = abfm.loading.task_of(found).tables[name]
         self._start(path, TABLES, partial(table.write, path, found))
 

@@ -65,7 +65,6 @@ class Saves:
             self._exported[type(document)] = document
 
     def unsaved_text(self, document: Document) -> str:
-        """Return a message that describes the unsaved changes of a document."""
         return document.unsaved_text(self.changes(document), self.has_new_result(document))
 
     def changes(self, document: Document) -> tuple[str, ...]:
@@ -116,7 +115,6 @@ class Saves:
             self._unsaved.pop(document.identity, None)
 
     def leave(self, document: Document) -> None:
-        """Record the unsaved state of a document that another one replaces."""
         before = self.unsaved_state(document)
         result_undone = before is not None and before.result is not None and document.result is None
         if self._differs(document) and not result_undone:
