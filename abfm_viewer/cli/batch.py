@@ -264,10 +264,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[LedgerEntry], int | None]:
-    """Solve the rows without a result in a folder, with progress.
-
-    Return the state of each row, and the exit status after a signal, or None.
-    """
+    """Solve the rows without a result; return the state of each row, and a signal's exit status."""
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)

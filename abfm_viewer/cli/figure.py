@@ -189,10 +189,7 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
 
 
 def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
-    """Run a script to its end.
-
-    If all figures are computed, the page also shows figures that are impossible on the given mesh.
-    """
+    """Run a script to its end; if all figures are computed, note a figure that is impossible."""
     number, on_mesh = figure.number, figure.setup.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)
     try:

@@ -300,7 +300,6 @@ def _within(
     return value
 
 
-# readers for argparse
 positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
 angle = partial(_within, float, -360_000, 360_000, "an angle from -360000 to 360000 degrees")
 seed = partial(_within, int, 0, 1e39, "an integer of at least 0")

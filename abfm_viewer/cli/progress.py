@@ -82,10 +82,7 @@ def _line_of(step: Step) -> str:
 
 @contextmanager
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
-    """Yield a function to call with the number of finished frames.
-
-    If ``machine``, print one line of JSON per frame to stdout.
-    """
+    """Yield a function of the number of finished frames; ``machine`` prints JSON to stdout."""
     every = max(count // _LINES_OF_A_MOVIE, 1)
 
     def print_json(frame: int) -> None:

@@ -73,10 +73,7 @@ class Functions:
         return self._latest.step if self.busy else None
 
     def without_process(self, keeps: Callable[[str], bool]) -> Functions:
-        """Return a copy without thread and process.
-
-        It has the values of the last request, and those of the specs for which ``keeps`` is true.
-        """
+        """Return a copy without thread and process, with the last requested and the kept values."""
         cached = self._cache.copy()  # without the lock: another thread may evaluate for long
         known = self.known | {spec: values for spec, values in cached.items() if keeps(spec)}
         others = Functions(self.mesh, known, self._at_once)
@@ -96,10 +93,7 @@ class Functions:
         return self._latest.request(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Return the values (V,) of one spec, computed now if they are not cached.
-
-        Raises the errors of `abfm.function` and those of a worker.
-        """
+        """Return the values (V,) of a spec now, or raise as `abfm.function` or a worker does."""
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)

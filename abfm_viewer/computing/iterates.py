@@ -143,10 +143,7 @@ def _with_fields(last: abfm.matching.Iteration) -> abfm.matching.Iteration:
 
 
 def fields(cache: ProcessCache, run: int, iteration: int) -> Fields:
-    """Return the fields of an iterate, or of the best one if that iterate is no longer stored.
-
-    Raises `AbfmError` if no iterate of the run is stored.
-    """
+    """Return the fields of an iterate, or of the best one; raise `AbfmError` if none is stored."""
     stored = cache.get(run) or _raise_not_stored()
     found = next((each for each in stored if each.iteration == iteration), stored[0])
     return found.velocity, found.advected

@@ -287,10 +287,7 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End this solve in favour of the next problem, after a minimum number of iterations.
-
-        Otherwise the solver would make no progress while the user drags.
-        """
+        """End this solve after a few iterations; without them, dragging would stop the progress."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._run.end_call()
 

@@ -125,10 +125,7 @@ class FileChoice:
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Return a typed file, or show a typed folder; set `error` if there is neither.
-
-        The path is relative to the shown folder.
-        """
+        """Return a typed file, or show a typed folder; if it is neither, set `error`."""
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
             if path.is_dir():

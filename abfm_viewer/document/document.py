@@ -367,8 +367,6 @@ class Document:
     view: View = field(default_factory=View)
     identity: Identity = field(default_factory=Identity)
 
-    # Defaults for documents without specs of functions and without a match
-
     @property
     def channels(self) -> tuple[Channel, ...]:
         return ()
@@ -434,8 +432,6 @@ class Document:
     def functions(self) -> tuple[Function, ...]:
         return ()
 
-    # Surfaces, their names and their fronts
-
     @property
     def name(self) -> str:
         return self.surface().name
@@ -485,8 +481,6 @@ class Document:
         """Return a cache key and a function that returns the values in the colour range."""
         return (source, target), lambda: (source, target)
 
-    # Times
-
     @property
     def start(self) -> float:
         return 0.0
@@ -535,8 +529,6 @@ class Document:
         """Range of the times that can be shown, in words."""
         beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
         return f"{self.start:g} to {self.end:g}{beyond}"
-
-    # The result
 
     @property
     def is_outdated(self) -> bool:

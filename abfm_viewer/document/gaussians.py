@@ -73,10 +73,7 @@ def removed(spec: str, bump: int) -> str:
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
-    """Return the first centre of a Gaussian, as a vertex number of the file.
-
-    A `FunctionError` is raised if the mesh does not have the vertex.
-    """
+    """Return the first centre as a vertex of the file; `FunctionError` if the mesh lacks it."""
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 

@@ -155,10 +155,7 @@ class Recovery:
 
 
 def recoverable(folder: StateFolder) -> list[Recovery]:
-    """Return the copies of processes that have ended, the latest first.
-
-    Checkpoints of such processes without a copy are removed.
-    """
+    """Return copies of ended processes, the latest first; remove checkpoints without a copy."""
     found = []
     with suppress(OSError):
         for path in folder.path.glob(f"{_PREFIX}*"):

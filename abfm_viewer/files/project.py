@@ -242,10 +242,7 @@ class _Writer:
 
 
 class _Reader:
-    """Converts JSON and arrays to a document, according to the types of its fields.
-
-    Invalid values raise a `ValueError`. ``objects`` have names already.
-    """
+    """Converts JSON and arrays to a document by the types of its fields, or raises `ValueError`."""
 
     def __init__(self, arrays: Mapping[str, Any], objects: dict[str, Any]) -> None:
         self._arrays, self._objects = arrays, objects

@@ -347,9 +347,6 @@ class _Side:
         return int(self._mesh.vertex_ids[0 if values is None else values.argmax()])
 
 
-# Widgets of the parameters of a family
-
-
 def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
     """Return the example of a function family at a vertex, which is numbered as in the file."""
     middle = f"{mesh.vertices[:, 1].mean():.3g}"

@@ -105,9 +105,6 @@ def draw_switches(ui: Ui, session: Session) -> None:
     matching.warm = ui.checkbox(label, matching.warm, _WARM_TIP)
 
 
-# During a run
-
-
 def _draw_progress(ui: Ui, session: Session) -> None:
     solver = session.solver
     snapshot, step = session.matching.snapshot, solver.step
@@ -163,9 +160,6 @@ def draw_sequence(ui: Ui, session: Session) -> None:
     ui.note(f"Frame {now} to {now + 1}: {interval}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))
-
-
-# After a run
 
 
 def _draw_verdict(ui: Ui, session: Session) -> None:

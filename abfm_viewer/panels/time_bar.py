@@ -145,10 +145,7 @@ def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
-    """Draw the background of the slider, with texts at places that the grab does not cover.
-
-    ``share`` is the position of the grab, 0 to 1.
-    """
+    """Draw the slider's background, and texts where the grab (at a share, 0 to 1) is not."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed, middle, gap = imgui.GetColorU32, (left + right) / 2, ui.px(12)

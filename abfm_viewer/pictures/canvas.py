@@ -32,10 +32,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels in the block.
-
-    Raises `DrawingError` if the machine cannot draw.
-    """
+    """Make polyscope draw pictures of a size in pixels in the block, or raise `DrawingError`."""
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
     limits = _SAMPLES_MAX.items()

@@ -202,10 +202,7 @@ def _one_row(sheet: Sheet, size: tuple[int, int] | None) -> Image.Image:
 
 
 def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
-    """Return the picture of a figure, with notes below it.
-
-    Raises `DrawingError` if the machine cannot draw.
-    """
+    """Return the picture of a figure, with notes below it, or raise `DrawingError`."""
     views = cameras(sheet, _ASPECTS)
     plot_aspect = max(next(iter(views.values())).aspect if views else 1.0, 0.7)
 

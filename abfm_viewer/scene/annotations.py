@@ -365,11 +365,7 @@ Centre = tuple[FloatArray, FloatArray]  # A point (3,) and the normal (3,) of th
 
 
 class GaussianMarkers:
-    """Rings around active Gaussians.
-
-    They are shown while the user holds Shift over the surfaces, and always for a side with several
-    Gaussians.
-    """
+    """Rings around active Gaussians, while Shift is held or if a side has several."""
 
     def __init__(self) -> None:
         self._centres = {side: Memo[Centre | None]() for side in SIDES}

@@ -48,10 +48,7 @@ def reserve_core_for_solver() -> None:
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope, or change its size in pixels.
-
-    Raises `DrawingError` with the reason if the machine cannot draw.
-    """
+    """Start polyscope, or change its size in pixels; raise `DrawingError` if that is impossible."""
     # setting the same size again would block GLFW for ever
     if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
         ps.set_window_size(width, height)

@@ -374,10 +374,7 @@ class Overlays:
             self._remove(name)
 
     def _is_new(self, surface: str, name: str, inputs: tuple[object, ...] | None) -> bool:
-        """Return whether a structure must be drawn, and remove an outdated one.
-
-        No structure is drawn if ``inputs`` is None.
-        """
+        """Return whether to draw a structure (only with ``inputs``), and remove an outdated one."""
         if name in self._drawn and same(self._drawn[name][1], inputs):
             return False
         self._remove(name)

@@ -42,10 +42,7 @@ class Pacing:
         return session.matching.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
-        """Return whether a surface is not repainted in this frame.
-
-        Call this once a frame for each surface, in order.
-        """
+        """Return whether a surface is not repainted in this frame; call once for each, in order."""
         session, solver, seconds = self._session, self._session.solver, self.redraw_seconds
         if self.draws_quickly:
             return False

@@ -167,10 +167,7 @@ class Editor:
             self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
-        """Remove the active channel unless it is the only one.
-
-        If all other weights are 0, they become 1.
-        """
+        """Remove the active channel unless it is alone; if all other weights are 0, make them 1."""
         if others := self._others:
             if not any(channel.weight for channel in others):
                 others = [replace(channel, weight=1.0) for channel in others]

@@ -220,10 +220,7 @@ class SessionFiles:
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open frames on the current mesh, or on surface A, in the background.
-
-        ``array`` names one of several arrays of the file.
-        """
+        """Open frames on the current mesh, or on A; ``array`` names one of several in the file."""
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)

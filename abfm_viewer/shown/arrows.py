@@ -160,10 +160,7 @@ def arrows_of(
 
 
 def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.maps.SurfacePoints:
-    """Return points with at least the given spacing that cover the surface.
-
-    For an eye, points whose flat disc is visible in most directions are first.
-    """
+    """Return points that cover the surface, at least a spacing apart; visible ones are first."""
     spread = abfm.maps.spread_points(mesh)
     if eye is None:
         return spread.with_spacing(spacing)

@@ -79,10 +79,7 @@ class FlowState:
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return the positions at times (T,) of points that start at the vertices, (T, V, 3).
-
-        ``places`` (V, 3) only gives the shape.
-        """
+        """Return the positions at times (T,) of points that start at the vertices, (T, V, 3)."""
         found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
         return np.array(found).reshape(len(times), *places.shape)
 

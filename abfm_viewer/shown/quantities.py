@@ -161,10 +161,7 @@ class Texture:
 
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
-    """Return streaks along a field, in textures of at least ``size`` texels along a side.
-
-    Meshes with many faces have larger textures.
-    """
+    """Return streaks along a field, in textures of ``size`` texels a side; more for many faces."""
     needed = int(np.sqrt(_TEXELS_PER_FACE_MIN * len(field.mesh.faces)))
     size = min(max(size, needed), _TEXELS_MAX)
     phases = np.arange(_PHASES) / _PHASES if moving else None

@@ -178,9 +178,6 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
     return ui.open_tab
 
 
-# Menus
-
-
 def is_popup_open() -> bool:
     anywhere = imgui.ImGuiPopupFlags_AnyPopupId | imgui.ImGuiPopupFlags_AnyPopupLevel
     return bool(imgui.IsPopupOpen("", anywhere))

@@ -47,10 +47,7 @@ class _WidgetRow(NamedTuple):
 
 
 class Refusals:
-    """Refused values of widgets, by `WidgetRecord.path`.
-
-    A typed text that is refused stays in its box, so that it can be corrected.
-    """
+    """Refused values of widgets, by `WidgetRecord.path`; a refused text stays in its box."""
 
     def __init__(self, record: WidgetRecord) -> None:
         self.reasons: dict[str, str] = {}
@@ -153,8 +150,6 @@ class Ui:
                 yield
         finally:
             imgui.PopID()
-
-    # Texts
 
     def note(self, text: str, kind: TextTone = "muted") -> None:
         imgui.PushTextWrapPos(0)
@@ -259,8 +254,6 @@ class Ui:
         with pushed({imgui.ImGuiCol_Text: color}):
             imgui.TextUnformatted(text)
 
-    # Widgets
-
     def button(
         self,
         label: str,
@@ -272,7 +265,7 @@ class Ui:
     ) -> bool:
         """Draw a button; return whether it was pressed.
 
-        A negative width leaves space at the right.
+        A negative width leaves space at its right.
         """
         text, name = _text_and_name(label)
         room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
@@ -526,8 +519,6 @@ class Ui:
         """Return a label, abbreviated if it does not fit next to a checkbox or a radio button."""
         box = imgui.GetFrameHeight() + imgui.GetStyle().ItemInnerSpacing[0]
         return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
-
-    # Captions
 
     def halves(self, left: str, right: str) -> tuple[float, float]:
         """Return the widths of two captioned widgets that fill a line; 0 in a narrow panel."""

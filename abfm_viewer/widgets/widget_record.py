@@ -134,10 +134,7 @@ class WidgetRecord:
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every third frame as JSON to the file in ``ABFM_WIDGETS``.
-
-    Programs that control a real window by the mouse read this file.
-    """
+    """Write every third frame's widgets as JSON to ``ABFM_WIDGETS``, for programs with a mouse."""
     name = os.environ.get("ABFM_WIDGETS")
     if name and frame % 3 == 0:
         temporary = Path(f"{name}.part")

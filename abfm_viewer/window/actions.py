@@ -164,8 +164,6 @@ class Actions:
         members = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
         self.all = tuple(one for some in members for one in some if isinstance(one, Action))
 
-    # Keys
-
     def do_pressed(self) -> None:
         """Do the action of the keys that are pressed in this frame.
 
@@ -189,8 +187,6 @@ class Actions:
             action.do()
         elif self._last_box and not is_busy:
             context.ui.focus_next, self._last_box = self._last_box, ""
-
-    # Help
 
     def listed(self) -> list[tuple[str, str]]:
         """Return keys and descriptions for Help; the description of a heading is empty."""
@@ -222,8 +218,6 @@ class Actions:
             "MIT licence.",
         ]
         self._dialogs.show("About abfm", lines)
-
-    # Files
 
     def _quit(self) -> None:
         """Close the window, after a question if work is unsaved."""
@@ -284,8 +278,6 @@ class Actions:
         title = "Save the project" if is_present else f"Save the project of {document.name}"
         save = self._files.save
         self._dialogs.save(title, (PROJECT,), name, lambda path: save(path, then, document))
-
-    # Solver, time and view
 
     def _pause(self) -> None:
         solver = self._session.solver
