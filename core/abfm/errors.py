@@ -68,7 +68,6 @@ class SeveralArraysError(FunctionError):
         self.names = tuple(names)
 
     def in_file(self, name: str) -> "SeveralArraysError":
-        """Return the same error with the name of the file in front."""
         return SeveralArraysError(f"{name}: {one_line(self, 400)}", self.names)
 
 

@@ -90,7 +90,6 @@ def _task(names: set[str]) -> type[Task] | None:
 
 
 def task_of(found: Any) -> type[Task]:
-    """Return the type of task that produces a result of this type."""
     for task in _TASKS:
         if type(found) is task.result:
             return task

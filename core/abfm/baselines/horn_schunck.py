@@ -34,9 +34,8 @@ def horn_schunck(
     Gradients are those halfway between both frames, which makes the linearisation second order.
 
     The smoothness term is a finite-volume one: ``sum w_e |P_e v_f - v_f'|^2`` over edges. ``P_e``
-    unfolds one face into the plane of the other. The weight
-    ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is the length of the edge divided by the distance between
-    the centroids.
+    unfolds one face into the plane of the other. The weight ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is
+    the length of the edge divided by the distance between the centroids.
 
     The field is linear in the change between the frames. It is accurate if displacements are small
     compared with a wavelength.

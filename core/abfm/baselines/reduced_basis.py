@@ -54,11 +54,10 @@ class ReducedEnergy:
     """The energy of a field in a reduced basis, and its gradient.
 
     The energy of coefficients a is
-    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``.
-    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
+    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``. The
+    basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
     gradients, and as many rotated gradients. ``start`` and ``target`` (k, m) are functional maps to
-    the
-    mesh, in its first k eigenfunctions. AbfmError if these maps or the number of fields are
+    the mesh, in its first k eigenfunctions. AbfmError if these maps or the number of fields are
     invalid.
     """
 

@@ -95,8 +95,7 @@ def attempt(item: WorkItem) -> Answer:
     """Solve a row and write its result unless it exists; return failures as answers.
 
     If the folder is accessible, also write the record of the row. CancelledError if the control of
-    this
-    thread was cancelled.
+    this thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)

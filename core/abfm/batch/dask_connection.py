@@ -36,8 +36,7 @@ class DaskConnection:
     """A connection to the scheduler of a cluster, until it is closed.
 
     ``control`` cancels waiting for the scheduler by a `CancelledError`. AbfmError if there is no
-    such
-    scheduler, or its cluster has no abfm or another version of it.
+    such scheduler, or its cluster has no abfm or another version of it.
     """
 
     def __init__(self, cluster: Cluster, control: Control) -> None:

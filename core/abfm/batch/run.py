@@ -208,7 +208,6 @@ class Workers:
 
 
 def _answer_or_retry(item: WorkItem, future: Future[Answer]) -> Answer | WorkItem:
-    """Return the answer to an item, or the item to submit again."""
     try:
         answer = future.result()
     except WorkerEndedError:

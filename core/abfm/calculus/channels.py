@@ -27,8 +27,7 @@ def at_vertices(
     The rows of pandas objects are placed at vertices by their index, or by a column called vertex,
     node or index. An index 0, 1, 2, ... changes nothing. Vertices without a row become NaN. Columns
     of Polars and Arrow and coordinates of xarray work in the same way. An ``error`` is raised if
-    the
-    values are not real numbers, or if vertices are repeated or not on the mesh.
+    the values are not real numbers, or if vertices are repeated or not on the mesh.
     """
     values = with_index(values)
     if not (has(values, "iloc", "index", "to_numpy") or has(values, "columns", "to_numpy")):

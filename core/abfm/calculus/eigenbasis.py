@@ -28,8 +28,7 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
 
     The same mesh gives the same bits, independent of earlier computations. Pairs are computed and
     cached in blocks of 32, 64, 128, 256, 384, ...; k selects from the smallest block that contains
-    it.
-    For repeated eigenvalues, the basis is arbitrary and may differ between blocks.
+    it. For repeated eigenvalues, the basis is arbitrary and may differ between blocks.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

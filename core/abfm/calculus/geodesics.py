@@ -71,10 +71,9 @@ def _heat_solver(mesh: TriangleMesh) -> Any:
 def path_length(mesh: TriangleMesh, first: int, last: int) -> float:
     """Return the length of a straightened shortest edge path between two vertices.
 
-    The path is a geodesic. On two human meshes its length is off by 0.001 on average.
-
-    References: Sharp, Crane: You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges,
-    ACM TOG 39(6), 2020.
+    The path is a geodesic. On two human meshes its length is off by 0.001 on average. References:
+    Sharp, Crane: You Can Find Geodesic Paths in Triangle Meshes by Just Flipping Edges, ACM TOG
+    39(6), 2020.
     """
     try:
         path: FloatArray = _path_solver(mesh).find_geodesic_path(first, last)

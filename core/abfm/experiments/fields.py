@@ -113,7 +113,6 @@ def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def speed_streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
-    """Return streaks of a field, coloured by its speed."""
     return Streaks(field, speed(mesh, field), "speed")
 
 

@@ -285,7 +285,6 @@ class SymmetryScene:
         return tuple(panels)
 
     def description(self) -> str:
-        """Return a sentence that describes the match."""
         axis = ", ".join(f"{value:.2g}" for value in np.round(self.symmetry.axis, 3) + 0.0)
         matched = (
             f"rotation by 180 degrees about ({axis}); the three coordinates are matched together"

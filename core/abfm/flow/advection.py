@@ -87,7 +87,6 @@ class Advection:
         return out
 
     def _to_later_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect to ascending times."""
         out = np.empty((len(times), len(f)))
         owner = np.maximum(np.ceil(times / self.step * (1 - 1e-12)) - 1, 0)
         for j in range(int(owner[-1]) + 1):

@@ -241,7 +241,6 @@ def _pairs(numbers: IndexArray) -> FloatArray:
 
 @kernel
 def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, float]:
-    """Return the vector of a continuous field at a place (x, y) of face ``f``."""
     w = flow.vectors
     return (
         w[f, 0, 0] + x * w[f, 1, 0] + y * w[f, 2, 0],

@@ -101,8 +101,7 @@ def mixed_areas(mesh: TriangleMesh) -> FloatArray:
     """Return the mixed area of each vertex, (V,) (section 3.3 of the paper cited by `Curvature`).
 
     It is the Voronoi area, except in obtuse faces, of which it has a half or a quarter. With a
-    third of
-    the adjacent faces instead, curvature would be wrong by 15% at irregular vertices of an
+    third of the adjacent faces instead, curvature would be wrong by 15% at irregular vertices of an
     icosphere.
     """
     voronoi = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)

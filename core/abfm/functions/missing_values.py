@@ -21,10 +21,8 @@ def known_functions(
     """Return functions (C, V) with zeros for missing values, and where all values are known, (V,).
 
     ``functions`` are values (V,) or (V, C) or texts; values that are not finite, or where ``mask``
-    (V,)
-    is 0, are missing. Messages use ``name``. FunctionError if the shape does not fit, or if no
-    vertex
-    has values in all channels.
+    (V,) is 0, are missing. Messages use ``name``. FunctionError if the shape does not fit, or if no
+    vertex has values in all channels.
     """
     if texts := texts_of(functions):
         values = np.stack([function(mesh, text, allow_missing=True) for text in texts])

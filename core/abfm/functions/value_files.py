@@ -174,8 +174,7 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
     """Read a table (n, C) with the images of the vertices of a mesh; row i is row i of the file.
 
     Named columns do not number the rows. Node indices of GIFTI do, and also a first column without
-    a
-    name, as written by pandas.
+    a name, as written by pandas.
     """
     with file_errors(path, "map"):
         counts = counts_of(domain)
@@ -346,8 +345,7 @@ def image_columns(
 
     The voxels of a frame are the vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with
     the product V. An image may also have only two axes, of vertices and of columns. ValueError for
-    an
-    image of a volume.
+    an image of a volume.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:

@@ -105,7 +105,6 @@ def bids_name(
 
 
 def _other_name(source: str | os.PathLike[str]) -> BidsName:
-    """Return the parts that can be found in a name that is not a BIDS name."""
     name, side = os.path.basename(source), hemisphere(source)
     entities = {"hemi": side} if side else {}
     if freesurfer := _FREESURFER.fullmatch(name):

@@ -62,9 +62,9 @@ def write_surface(
 ) -> None:
     """Write a mesh as .surf.gii, .gii, .ply or a FreeSurfer surface.
 
-    GIFTI files, which may also end with .gz, and FreeSurfer files (``lh.white``,
-    ``lh.sphere.reg``) have single precision and coordinates without a transform. Vertices are those
-    of the mesh, without unused vertices of its file.
+    GIFTI files, which may also end with .gz, and FreeSurfer files (``lh.white``, ``lh.sphere.reg``)
+    have single precision and coordinates without a transform. Vertices are those of the mesh,
+    without unused vertices of its file.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Result files: ``.npz`` files of plain arrays without pickles.
 
-Projects also use the functions for arrays in a zip. All arrays are checked when they are
-written, and each one when it is read.
+Projects also use the functions for arrays in a zip. All arrays are checked when they are written,
+and each one when it is read.
 """
 
 import math
@@ -353,9 +353,8 @@ def save_parts(
     """Write all parts that can be computed and loaded again; return a line for each missing part.
 
     ``substitutes`` replace required arrays of missing parts. A line has the name of a part and the
-    reason.
-
-    ResultError if a required array without a substitute is missing, or the file cannot be written.
+    reason. ResultError if a required array without a substitute is missing, or the file cannot be
+    written.
     """
     arrays: dict[str, Any] = {}
     sizes: dict[str, int] = {}
@@ -388,8 +387,7 @@ def save_with_fallback(path: Path, found: Saved) -> str:
     """Save a result, or those parts of it that can be saved.
 
     Return a line with the missing parts and the reasons; empty if nothing is missing. If the
-    required
-    parts cannot be saved either, the error of the method ``save`` is raised.
+    required parts cannot be saved either, the error of the method ``save`` is raised.
     """
     try:
         found.save(path)

@@ -65,8 +65,8 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
     On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a
     homeomorphism with little distortion. It is close to the given map in space where that is
-    consistent. The result preserves the orientation. A map onto the mirror image must be given
-    as a map onto a mirrored mesh.
+    consistent. The result preserves the orientation. A map onto the mirror image must be given as a
+    map onto a mirrored mesh.
 
     Raises
     ------

@@ -44,7 +44,6 @@ class Log2Statistics(NamedTuple):
     maximum: float
 
     def report(self) -> str:
-        """Return the numbers as text."""
         return (
             f"mean {self.mean:.3f}, 95% {self.p95:.2f}, 98% {self.p98:.2f}, max {self.maximum:.2f}"
         )
@@ -183,9 +182,8 @@ def distortion_of_flow(
     ``corners`` (3 S,) are the images of the faces' corners. The triangle between them is a bad
     approximation in two cases. It seems flipped, as smooth flows make slivers of faces, or it is
     stretched along a bent surface. Such faces are divided into 64 parts, which are mapped
-    separately.
-    Their stretches are the geometric means over the parts, and `folded_shares` defines whether they
-    are flipped. Other faces are measured as in `chord_distortion`.
+    separately. Their stretches are the geometric means over the parts, and `folded_shares` defines
+    whether they are flipped. Other faces are measured as in `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
@@ -244,11 +242,9 @@ def folded_shares(
     """Return the share of faces (S,) that a map folds, and the share of flipped triangles.
 
     The triangles are those between the mapped corners (S, 3, 3). If a smooth flow stretches faces
-    to
-    slivers, several percent of these triangles seem flipped. Therefore a face counts as folded only
-    if
-    more than three quarters of its 64 parts, which are mapped separately, are also flipped. At most
-    ``most`` flipped faces, evenly chosen, are divided.
+    to slivers, several percent of these triangles seem flipped. Therefore a face counts as folded
+    only if more than three quarters of its 64 parts, which are mapped separately, are also flipped.
+    At most ``most`` flipped faces, evenly chosen, are divided.
     """
     flipped = faces[flipped_triangles(mesh, corners)]
     if not len(flipped):

@@ -75,10 +75,10 @@ class MapAccuracy:
 def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
     """Measure the geodesic errors of a map.
 
-    ``truth`` (V,) is the true vertex of the codomain for each vertex of the domain, by default
-    the vertex with the same number. Distances are measured by `path_length`. With more than
-    ``most`` vertices, this many are drawn at random, always the same ones, because each takes about
-    10 ms on 12,000 vertices.
+    ``truth`` (V,) is the true vertex of the codomain for each vertex of the domain, by default the
+    vertex with the same number. Distances are measured by `path_length`. With more than ``most``
+    vertices, this many are drawn at random, always the same ones, because each takes about 10 ms on
+    12,000 vertices.
     """
     count, mesh = len(points.faces), points.codomain
     expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
@@ -165,8 +165,8 @@ class RoundTrip(NamedTuple):
 def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
     """Measure how far vertices are displaced by a map and a map back.
 
-    ``back`` maps points of the codomain to points of the domain, such as
-    `abfm.PointMap.at` of another map. On larger meshes 10,000 evenly chosen vertices are measured.
+    ``back`` maps points of the codomain to points of the domain, such as `abfm.PointMap.at` of
+    another map. On larger meshes 10,000 evenly chosen vertices are measured.
     """
     mesh, count = points.domain, len(points.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)

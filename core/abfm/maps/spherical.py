@@ -104,10 +104,8 @@ class SphereLayout:
     """A surface laid out on the unit sphere.
 
     The directions (V, 3) of the vertices are scaled to length 1. The layout may be mirrored, and
-    may
-    have holes if the surface has holes. AbfmError if the directions do not fit the mesh, are zero,
-    or
-    do not go around the sphere once.
+    may have holes if the surface has holes. AbfmError if the directions do not fit the mesh, are
+    zero, or do not go around the sphere once.
     """
 
     def __init__(self, mesh: TriangleMesh, directions: ArrayLike) -> None:
@@ -182,8 +180,7 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
     """Find the faces (P,) and barycentric weights (P, 3) of directions (P, 3).
 
     ``faces`` contains a first guess and is overwritten. The search walks from face to face, each
-    time
-    across the side that the point is farthest behind. If the walk fails, all faces are tried.
+    time across the side that the point is farthest behind. If the walk fails, all faces are tried.
     """
     corners = layout.corners
     volumes, best = np.empty(3), np.empty(3)

@@ -32,8 +32,8 @@ class SpreadPoints:
         """Return points with at least a given spacing, in sqrt(area), which cover the surface.
 
         Every place on the surface is within about the same distance of one of them. The spacing is
-        at least ``SPACING_MIN``. The points for a larger spacing are a subset of
-        those for a smaller one.
+        at least ``SPACING_MIN``. The points for a larger spacing are a subset of those for a
+        smaller one.
         """
         return self.points[np.arange(self.count(spacing))]
 
@@ -90,11 +90,9 @@ def _farthest_first(
     """Return the order (m,) in which places (n, 3) are chosen, and their gaps (m,).
 
     The order consists of ``numbers`` (n,) of places and begins with number 0. The gaps descend to
-    ``SPACING_MIN``.
-
-    Places are sorted by their coordinate along ``axis``. The next chosen place has the largest
-    distance of all places from the chosen ones. It therefore reduces the distances only of places
-    within that distance.
+    ``SPACING_MIN``. Places are sorted by their coordinate along ``axis``. The next chosen place has
+    the largest distance of all places from the chosen ones. It therefore reduces the distances only
+    of places within that distance.
     """
     order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
     squares = np.full(len(places), np.inf)  # squared distances to the nearest chosen place

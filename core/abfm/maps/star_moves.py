@@ -85,10 +85,8 @@ def add_product(
     """Add the derivatives of ``D phi(V)`` along two axes to a model.
 
     ``dirichlet`` has D and its first derivatives, ``metric`` the second derivatives 11, 12, 22 of
-    D.
-    ``logarithm`` has the first derivatives of ``log V``, and ``phi`` the values ``phi``, ``V phi'``
-    and
-    ``V^2 phi''``.
+    D. ``logarithm`` has the first derivatives of ``log V``, and ``phi`` the values ``phi``,
+    ``V phi'`` and ``V^2 phi''``.
     """
     value, d1, d2 = dirichlet
     v1, v2 = logarithm

@@ -116,8 +116,7 @@ def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> 
     They are a row of numbers for each step, and the fields of the other steps. These fields are
     divided by the length scale of the mesh, rounded to single precision, and concatenated along the
     faces. If steps have different numbers of fields, these numbers are stored as well, and all
-    fields
-    are concatenated.
+    fields are concatenated.
     """
     rows = np.array([[*(getattr(e, name) for name in NUMBERS), e.refined(mesh)] for e in path])
     # a step that diverged may have infinite measurements

@@ -225,9 +225,8 @@ def is_measured(functions: FunctionTerm) -> bool:
 
     Measured functions match only approximately. They have more than 20 peaks and pits, in source or
     target and in any channel, with a persistence above 2% of the range. Noise whose standard
-    deviation
-    is a tenth of the function's also causes such peaks. Functions that the user declares as
-    approximate are treated alike.
+    deviation is a tenth of the function's also causes such peaks. Functions that the user declares
+    as approximate are treated alike.
     """
     if functions.approximate and not functions.is_constant:
         return True

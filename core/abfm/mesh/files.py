@@ -80,8 +80,8 @@ def load_mesh(
 ) -> TriangleMesh:
     """Read a triangle mesh from a file, or convert a mesh of another library.
 
-    Vertices have the order and count of the file or object, including those that no face uses.
-    STL and glTF files repeat vertices; these are merged by position, with a message. Polygons and
+    Vertices have the order and count of the file or object, including those that no face uses. STL
+    and glTF files repeat vertices; these are merged by position, with a message. Polygons and
     triangle strips are split into triangles. A glTF scene is read in its rest pose, with its morph
     weights and skins. FreeSurfer surfaces, such as ``lh.white``, have the coordinates of the file:
     surface RAS without ``cras``, as in nibabel.
@@ -198,8 +198,7 @@ def read_contents(
     """Return the contents of a file; convert every error of a reader to a MeshError.
 
     ``readers`` has the reader of each supported format. Messages use ``expected``, the expected
-    kind
-    of file, such as "mesh".
+    kind of file, such as "mesh".
     """
     opened = None
     try:

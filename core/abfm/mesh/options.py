@@ -51,9 +51,8 @@ class MeshOptions:
     """Changes to a mesh before it is checked, in the order in which they apply.
 
     The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
-    its value (empty for a flag). The function ``read`` converts text to its value.
-
-    ParameterError if the distance is not a positive number, or the hemisphere is neither L nor R.
+    its value (empty for a flag). The function ``read`` converts text to its value. ParameterError
+    if the distance is not a positive number, or the hemisphere is neither L nor R.
     """
 
     merge: bool | float | None = _option(

@@ -12,10 +12,10 @@ from abfm.types import FloatArray, IntArray
 def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     """Return the mesh with a new vertex in the middle of every edge: V + E vertices, 4 F faces.
 
-    The old vertices keep their numbers, also those in the file. The middle of edge e becomes
-    vertex ``V + e``. Face f is replaced by the faces ``4 f`` to ``4 f + 3``. Face ``4 f + c`` (c =
-    0, 1, 2) lies at corner c of f, which is also its corner c. Face ``4 f + 3`` is the middle one.
-    Its corner c lies opposite the corner c of f.
+    The old vertices keep their numbers, also those in the file. The middle of edge e becomes vertex
+    ``V + e``. Face f is replaced by the faces ``4 f`` to ``4 f + 3``. Face ``4 f + c`` (c = 0, 1,
+    2) lies at corner c of f, which is also its corner c. Face ``4 f + 3`` is the middle one. Its
+    corner c lies opposite the corner c of f.
 
     MeshError if new faces have no area.
     """

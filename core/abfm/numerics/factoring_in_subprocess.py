@@ -24,5 +24,4 @@ def factoring_in_subprocess(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
 
 
 def is_factored_in_subprocess(unknowns: float) -> bool:
-    """Return whether this thread factors systems of this size in a subprocess."""
     return unknowns >= _unknowns_min.get()

@@ -137,7 +137,6 @@ class LBFGS(Generic[Point]):
         return self.step(without_pairs) if state.pairs else replace(without_pairs, failed=True)
 
     def stop_reason(self, state: Iterate[Point]) -> str | None:
-        """Return the reason to stop at this iterate, or None to continue."""
         if state.failed:
             return "line search failed"
         if state.gradient_norm <= self.tolerance * state.first_norm:
@@ -227,10 +226,9 @@ def strong_wolfe(
     """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
 
     These are algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. The search
-    tries
-    ``first`` first, and computes slopes only where the value is low enough. After twelve trials it
-    returns the lowest trial with sufficient decrease, or None if there is none. A value that is not
-    finite counts as infinite, so the step is shortened.
+    tries ``first`` first, and computes slopes only where the value is low enough. After twelve
+    trials it returns the lowest trial with sufficient decrease, or None if there is none. A value
+    that is not finite counts as infinite, so the step is shortened.
     """
     low, high = start, None
     length = min(first, length_max)

@@ -134,7 +134,6 @@ def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Lay
 
 
 def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ()) -> Clock:
-    """Return the clock of frames at increasing times."""
     seconds = min(max(PLAY_SECONDS_PER_FRAME * len(times), PLAY_SECONDS_MIN), PLAY_SECONDS_MAX)
     return Clock(times[0], times[-1], seconds, labels.unit_of_time, ticks=times, spans=spans)
 

@@ -68,8 +68,7 @@ class Population(Display):
     """Subjects registered to a template, and their values on it.
 
     A subject is included in means and standard deviations unless it is an outlier or its
-    registration
-    failed.
+    registration failed.
 
     Attributes
     ----------
@@ -249,8 +248,7 @@ class Population(Display):
         """Return the correlation of each subject with the mean of other included subjects, (N, 2).
 
         The columns are before and after registration. For a held-out channel the difference
-        measures the
-        benefit of registration.
+        measures the benefit of registration.
         """
         found = []
         for (values, shares), masks in (
@@ -317,7 +315,6 @@ class Population(Display):
     def _values_and_shares(
         self, values: FloatArray, masks: FloatArray, channel: str | int
     ) -> tuple[FloatArray, Shares]:
-        """Return values of a channel, (N, V), and the share of each value."""
         arrays = values[:, :, self._channel(channel)]
         return arrays, Shares(self.weights * self.fits, masks, arrays)
 

@@ -72,7 +72,6 @@ def details(found: Population) -> dict[str, Any]:
 
 
 def lines(population: Population) -> list[str]:
-    """Return the lines of the printed report."""
     facts = details(population)
     found = [population.headline]
     for each in facts["channels"]:

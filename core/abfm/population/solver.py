@@ -117,8 +117,7 @@ class PopulationSolver:
         """Goal of the registrations, unless it is given or the functions count as measured.
 
         Functions on coarse meshes do not count as measured. The goal is at least the noise of the
-        first
-        subjects.
+        first subjects.
         """
         levels = []
         for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
@@ -260,7 +259,6 @@ class PopulationSolver:
         return Row(subject.name, pairs)
 
     def _initial_transfer(self, subject: Subject) -> SubjectTransfer:
-        """Return the transfer of a subject by its initial map."""
         is_one_based = read_flag(str(self.settings.options.get("one-based") or "no"))
         initial, cwd = self.settings.initial, os.getcwd()
         one = SubjectTransfer(subject, self.path, self.mesh_values, initial, is_one_based)
@@ -384,7 +382,6 @@ class PopulationSolver:
         )
 
     def shares(self, found: RoundResult, masks: FloatArray) -> Shares:
-        """Return the shares of included subjects at vertices, from masks (N, V)."""
         return Shares(self.weights * found.outliers.fits, masks)
 
     def target(self, found: RoundResult) -> Target:

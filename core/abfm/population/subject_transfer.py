@@ -94,7 +94,6 @@ class SubjectTransfer:
     at_edges: bool = False
 
     def files(self) -> list[str]:
-        """Return the absolute names of the files that it reads."""
         return files_renamed(self.renamed)
 
     def relocated(self, places: Mapping[str, str]) -> SubjectTransfer:
@@ -102,7 +101,6 @@ class SubjectTransfer:
         return self.renamed(lambda path: places.get(path, path))
 
     def compute(self) -> TransferredSubject:
-        """Return the values of the subject on the template."""
         template = mesh_of(self.template, self.options)
         surface = mesh_of(self.subject.surface or self.template, self.options)
         data = SubjectData.of(surface, self.subject.functions, self.subject.mask)
@@ -111,7 +109,6 @@ class SubjectTransfer:
         return TransferredSubject(values_at(self._first_points(surface, template), data))
 
     def renamed(self, rename: Rename) -> SubjectTransfer:
-        """Return the same computation with renamed files."""
         subject, method = self.subject, self.initial
         subject = replace(
             subject,

@@ -44,12 +44,9 @@ def read_cifti(
     """Read the columns of one hemisphere from .dscalar.nii, .dtseries.nii and .dlabel.nii.
 
     ``counts`` are possible numbers of vertices of the surface. A hemisphere is chosen if it is the
-    only
-    one with such a number. Otherwise it is ``hemisphere`` ("L" or "R"), which must be in the file.
-    If
-    that is empty, it is ``likely``, the hemisphere of the surface, if the file contains it.
-    ValueError
-    if the file is damaged or of another type, or if both hemispheres fit.
+    only one with such a number. Otherwise it is ``hemisphere`` ("L" or "R"), which must be in the
+    file. If that is empty, it is ``likely``, the hemisphere of the surface, if the file contains
+    it. ValueError if the file is damaged or of another type, or if both hemispheres fit.
     """
     try:
         return _columns(data, counts, (hemisphere, likely))
@@ -219,7 +216,6 @@ def frame_seconds(head: Any) -> float:
 
 
 def _keys(named: Any) -> Keys:
-    """Return the names and colours of the labels of a map."""
     names, colors = {}, {}
     for key, label in (named.label_table or {}).items():
         names[int(key)] = str(label.label or "").strip()

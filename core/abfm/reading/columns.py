@@ -111,9 +111,8 @@ class Columns:
         """Return columns (V, C) with one row for each vertex of the mesh.
 
         If rows have vertex numbers, other vertices get NaN. Otherwise the axis of the vertices is
-        the first one whose size is the number of vertices of the mesh or its file.
-
-        ValueError if the values do not fit the mesh.
+        the first one whose size is the number of vertices of the mesh or its file. ValueError if
+        the values do not fit the mesh.
         """
         found = self.by_vertex()
         if found.vertices is not None:

@@ -84,8 +84,7 @@ def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
     """Read a GIFTI file.
 
     OSError if the file, or one that it refers to, cannot be read. ValueError if the file is not
-    GIFTI,
-    or an array does not have the announced size.
+    GIFTI, or an array does not have the announced size.
     """
     opened = source if isinstance(source, Opened) else open_file(source)
     root, budget = xml_tree(opened.data), inflated_size_max(len(opened.data))
@@ -113,7 +112,6 @@ def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
 
 
 def _metadata(entries: Iterable[Element]) -> list[tuple[str, str]]:
-    """Return the names and values of metadata entries."""
     pairs = ((entry.findtext("Name", ""), entry.findtext("Value", "")) for entry in entries)
     return [(name.strip(), value.strip()) for name, value in pairs]
 
@@ -130,7 +128,6 @@ def _key(label: Element) -> int:
 
 
 def _color(label: Element) -> Color | None:
-    """Return the colour of a label, or None."""
     parts = [_number(label.get(part, "")) for part in ("Red", "Green", "Blue")]
     red, green, blue, opacity = *parts, _number(label.get("Alpha", "1"))
     is_color = all(0 <= part <= 1 for part in (red, green, blue, opacity))

@@ -19,8 +19,8 @@ _IMAGING = re.compile(
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
     """Return "L" or "R" if the name of a file contains the hemisphere; None if not, or if both.
 
-    A name contains the left one if a word between dots and underscores is ``hemi-L``, ``lh``,
-    ``L`` or ``left``, or ends with ``-lh``.
+    A name contains the left one if a word between dots and underscores is ``hemi-L``, ``lh``, ``L``
+    or ``left``, or ends with ``-lh``.
     """
     words = re.split(r"[._]", os.path.basename(path))
     entities = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]

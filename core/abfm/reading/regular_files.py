@@ -82,7 +82,6 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 
     For security, it must be in the folder of the referring file or below. A downloaded file must
     not choose which files of this computer are read. Symbolic links in the folder are followed.
-
     ValueError if the name leads out of that folder.
     """
     folder = os.path.abspath(os.path.dirname(os.path.expanduser(os.fspath(file))))

@@ -43,7 +43,6 @@ class Rows(NamedTuple):
     separator: str | None
 
     def number(self, text: str) -> float:
-        """Return the number in a cell; see `parse_number`."""
         return parse_number(text, decimal_comma=self.separator in (";", "\t", None))
 
 
@@ -51,10 +50,9 @@ def rows_of(data: bytes | str, comments: str | None = None, blanks: bool = True)
     """Return the cells of all lines of a table that are not empty, without blanks around them.
 
     ``data`` is a file in UTF-8 or UTF-16, or its text. Lines that begin with ``comments`` are
-    skipped.
-    If there is no other separator, blanks separate cells if ``blanks`` is True, else commas.
-    ValueError,
-    also while iterating, if the text cannot be decoded or quotes are not closed.
+    skipped. If there is no other separator, blanks separate cells if ``blanks`` is True, else
+    commas. ValueError, also while iterating, if the text cannot be decoded or quotes are not
+    closed.
     """
     text = _text(data)
     first = next((line for line in _lines(text, comments)), "")
@@ -112,10 +110,8 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     named column of other words is omitted, and also a last column of blank cells.
 
     ``data`` is a file in UTF-8 or UTF-16, or its text. If ``integers`` is True, integers are
-    expected,
-    and a comma between two of them separates columns. ValueError if cells are not numbers, or if
-    commas
-    are ambiguous.
+    expected, and a comma between two of them separates columns. ValueError if cells are not
+    numbers, or if commas are ambiguous.
     """
     text = _text(data)
     lines = list(_lines(text, "#"))

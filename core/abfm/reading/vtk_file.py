@@ -94,8 +94,7 @@ def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:
 
     ``sizes`` (S,) are the numbers of corners of the strips, and ``corners`` (sum of sizes,) their
     concatenated vertices. Triangles with the same vertex twice only connect two parts of a strip,
-    and
-    are omitted.
+    and are omitted.
     """
     counts = np.maximum(sizes - 2, 0)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -101,9 +101,8 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
     """Split numbers (n,) into lists; each list follows its length.
 
     ``count`` is the number of lists, by default as many as there are. Return the length of each
-    list,
-    (count,), and the concatenated entries of the lists, (n - count,). ValueError if the number of
-    entries is not that of the lists.
+    list, (count,), and the concatenated entries of the lists, (n - count,). ValueError if the
+    number of entries is not that of the lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):

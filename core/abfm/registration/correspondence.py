@@ -167,8 +167,8 @@ class Correspondence(Display):
     def on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         """Return the same correspondence between other surfaces with the same faces.
 
-        The points keep their faces and barycentric weights. An example is a map between the
-        spheres of two cortices, which then applies to the cortices themselves.
+        The points keep their faces and barycentric weights. An example is a map between the spheres
+        of two cortices, which then applies to the cortices themselves.
         """
         for name, mesh, expected in (("A", a, self.a), ("B", b, self.b)):
             if not np.array_equal(mesh.faces, expected.faces):
@@ -203,10 +203,10 @@ class Correspondence(Display):
         """Return the matrix (V_B, V_A) of `transfer`; each row sums to 1.
 
         With ``by="point"`` a row has at most three entries. With ``by="area"`` each vertex of A
-        distributes its area over the vertices of B around it. This preserves the mean over A if
-        the rows are weighted by the areas that they received. Where B is finer than A, the
-        distribution is the interpolation at points, weighted in the same way. This is the adaptive
-        barycentric area resampling of Connectome Workbench.
+        distributes its area over the vertices of B around it. This preserves the mean over A if the
+        rows are weighted by the areas that they received. Where B is finer than A, the distribution
+        is the interpolation at points, weighted in the same way. This is the adaptive barycentric
+        area resampling of Connectome Workbench.
         """
         if by == "point":
             return self.points.to_matrix()
@@ -241,9 +241,9 @@ class Correspondence(Display):
     def distortion(self) -> Distortion:
         """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
 
-        Both surfaces are scaled to unit area. A map such as one between left and right may
-        reverse the orientation of most faces. Then the faces whose orientation it preserves count
-        as flipped.
+        Both surfaces are scaled to unit area. A map such as one between left and right may reverse
+        the orientation of most faces. Then the faces whose orientation it preserves count as
+        flipped.
         """
         return self._distortion
 
@@ -289,8 +289,8 @@ class Correspondence(Display):
     def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
         """Measure geodesic errors of the map from B to A, see `abfm.maps.map_accuracy`.
 
-        ``truth`` (V_B,) is the true vertex of A for each vertex of B, by default the vertex
-        with the same number. At most ``most`` vertices are measured.
+        ``truth`` (V_B,) is the true vertex of A for each vertex of B, by default the vertex with
+        the same number. At most ``most`` vertices are measured.
         """
         return map_accuracy(self.points, truth, most)
 

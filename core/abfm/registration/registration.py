@@ -229,8 +229,8 @@ class Registration(Correspondence):
 def load_registration(path: File) -> Registration:
     """Read a file written by `abfm.Registration.save`.
 
-    Raises ResultError if the file is missing, damaged, or contains no registration.
-    Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
+    Raises ResultError if the file is missing, damaged, or contains no registration. Values that
+    disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
 
     def made(arrays: results.Arrays) -> Registration:

@@ -22,7 +22,6 @@ def details(found: Registration) -> dict[str, Any]:
 
 
 def lines(found: Registration) -> list[str]:
-    """Return the report of a registration as lines of text."""
     return [*report.lines(found.match, found.facts), *map_lines(found), *landmark_lines(found)]
 
 
@@ -38,7 +37,6 @@ def map_details(found: Correspondence, distortion: Distortion | None = None) -> 
 
 
 def distortion_details(distortion: Distortion) -> dict[str, Any]:
-    """Return the measures of a distortion by name."""
     return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),
@@ -57,7 +55,6 @@ def initial_details(initial: Correspondence) -> dict[str, Any]:
 
 
 def map_lines(found: Correspondence) -> list[str]:
-    """Return the report of a map from B to A as lines of text."""
     return [
         found.distortion().report(),
         f"{found.round_trip().report()}; {100 * found.coverage():.1f}% of A is covered",

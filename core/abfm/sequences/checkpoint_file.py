@@ -150,7 +150,6 @@ def move_checkpoints(result: Path, other: Path) -> None:
 
 
 def _digest(solver: SequenceSolver) -> str:
-    """Return a digest of the problem of a solver, in hexadecimal digits."""
     frames = solver.frames
     values = {
         "code": _code(),

@@ -60,8 +60,7 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
     """Return the largest residual that noise alone causes between two frames.
 
     ``levels`` (C, V) are its standard deviations. As both frames have noise, it includes a factor
-    of
-    the square root of 2.
+    of the square root of 2.
     """
     return float(np.sqrt(2) * functions.relative_size(levels))
 

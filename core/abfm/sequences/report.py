@@ -61,7 +61,6 @@ def details(sequence: Sequence) -> dict[str, Any]:
 
 
 def lines(sequence: Sequence) -> list[str]:
-    """Return the report of a sequence as lines of text."""
     unit = "second" if sequence.unit_of_time else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
     where_steep = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""

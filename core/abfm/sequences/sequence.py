@@ -136,8 +136,7 @@ class Sequence(Solution, Display):
         """Return the function at a time, (V,) or (V, C).
 
         The linear blend of the frames before and after the time is changed by motion along the
-        field. The
-        change is multiplied by the share of the interval, see `motion_shares`.
+        field. The change is multiplied by the share of the interval, see `motion_shares`.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -329,9 +328,8 @@ def sequence(
 
     with the paper's norm of fields (Eq. 2) and the flow ``phi_i`` of ``v_i`` over its interval.
     Sigma is a multiple of the size of the frames (their root mean square without the means). For
-    small
-    displacements this is optical flow on a surface [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here
-    without its linearisation.
+    small displacements this is optical flow on a surface [Lefèvre & Baillet, IEEE TPAMI 30 (2008)],
+    here without its linearisation.
 
     Parameters
     ----------

@@ -110,7 +110,6 @@ class Solution:
         return self._frames.unit_of_time
 
     def __len__(self) -> int:
-        """Return the number of intervals."""
         return len(self.velocity)
 
     @property
@@ -123,7 +122,6 @@ class Solution:
         return np.array([not is_unsolved(verdict) for verdict in self.verdicts])
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of the file."""
         return {
             name: np.asarray(array) for name, array in results.all_arrays(self._parts()).items()
         }

@@ -91,7 +91,6 @@ def _channel_weights(channels: Iterable[tuple[int, float]], count: int) -> list[
 
 
 def _facts_of_file(path: Path) -> Facts:
-    """Return the facts in the file of a sequence, as `abfm.Sequence.facts`."""
     entries = {name: results.SEQUENCE.entries[name] for name in ("verdicts", *NUMBERS)}
     with results.open_archive(path, results.SEQUENCE.name, results.REMEDY) as archive:
         texts, *numbers = results.check_arrays(archive, entries).values()

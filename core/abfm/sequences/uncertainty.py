@@ -11,8 +11,8 @@ v>`` of the field itself,
 
 is the share of the field along an axis that the frames determine; smoothness determines the rest.
 An estimate misses ``1 - s`` of the true field [the bias of ridge regression], and noise scatters
-it. Let ``V`` be the mean square of the velocity along an axis, weighted by ``s``. The
-estimate's variance is
+it. Let ``V`` be the mean square of the velocity along an axis, weighted by ``s``. The estimate's
+variance is
 
     V (1 - s)^2  +  T * integral of  d / (p(k) + d)^2  k dk / (2 pi),   p(k) = (1 + alpha k^2)^order
 
@@ -152,8 +152,7 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
     """Return products of the slopes of two consecutive frames at vertices, (V, 6).
 
     The earlier frame is advected to the later one, and the mesh has unit area. The noise of both
-    frames
-    is independent, so it does not bias the products.
+    frames is independent, so it does not bias the products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
     mean, derive = averaging(mesh), gradient(mesh)

@@ -143,9 +143,8 @@ def parameter_inputs(
     """Return one input for each parameter.
 
     If the default of a parameter is chosen automatically, its input also accepts "auto".
-    ``defaults``
-    has the parameters, by default all, and their defaults; None if the solver chooses the default.
-    ``help`` has texts that replace the help of parameters.
+    ``defaults`` has the parameters, by default all, and their defaults; None if the solver chooses
+    the default. ``help`` has texts that replace the help of parameters.
     """
     inputs = []
     for name, value in (defaults or Parameters().to_dict()).items():
@@ -296,7 +295,6 @@ def _renamed_file(text: str, rename: Rename) -> str:
 
 
 def file_input(name: str, help: str, metavar: str = "FILE", **settings: Any) -> Input:
-    """Return the input of a file name."""
     return Input(name=name, help=help, metavar=metavar, renamed=_renamed_file, **settings)
 
 
@@ -389,7 +387,6 @@ MESH_INPUTS = tuple(
 
 
 def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
-    """Return the options of loading meshes among the values."""
     names = {option(entry.name): entry.name for entry in fields(MeshOptions)}
     return MeshOptions(**{names[name]: values[name] for name in names if name in values})
 

@@ -19,8 +19,7 @@ class Control:
     """Pause, resume or cancel a `match` from another thread.
 
     A change takes effect within one evaluation of the energy. ``cancelled`` is true after `cancel`,
-    and
-    ``skip_checks`` is its argument.
+    and ``skip_checks`` is its argument.
     """
 
     def __init__(self) -> None:
@@ -39,7 +38,6 @@ class Control:
         self.set_paused(True)
 
     def resume(self) -> None:
-        """Resume the work after `pause`."""
         self.set_paused(False)
 
     def set_paused(self, paused: bool) -> None:

@@ -34,8 +34,7 @@ class Processes(Executor):
 
     At most ``count`` processes run; a process starts when a call first needs it. If a process dies,
     its call raises `WorkerEndedError`; other calls are not affected, and the next call starts
-    another
-    process. Steps of calls are reported to the thread that submitted them.
+    another process. Steps of calls are reported to the thread that submitted them.
     """
 
     def __init__(self, count: int) -> None:
@@ -80,10 +79,8 @@ def completed(
 
     ``submit`` submits a task to an executor, at most ``submitted_max`` tasks at once. The deque
     ``tasks`` is submitted from the left, with tasks that are added during the iteration.
-    ``is_wanted``
-    is called before each submission, and ten times a second. Calls that are still running at the
-    end
-    are not cancelled.
+    ``is_wanted`` is called before each submission, and ten times a second. Calls that are still
+    running at the end are not cancelled.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():

@@ -70,7 +70,7 @@ class Step:
         return replace(self, began=time.monotonic())
 
     def text(self, now: float | None = None) -> str:
-        """Return the step as text; after two seconds, with its remaining or elapsed time."""
+        """Return the step as text, with its remaining or elapsed time from two seconds on."""
         remaining, elapsed = self.seconds_remaining(now), self._elapsed(now)
         if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
             return f"{self.task}, about {rounded_time(remaining)} left"
@@ -137,8 +137,7 @@ def step(
     """Report a step while the context lasts; yield a function to report its completed share.
 
     ``work`` is the amount of work in a unit of the task. ``about`` is added to the name in reports,
-    for
-    example the size. ``since`` is the start by `time.monotonic`, by default now.
+    for example the size. ``since`` is the start by `time.monotonic`, by default now.
     """
     known = _rates.get(task)
     expected = known[0] * work if known and work else None

@@ -54,10 +54,8 @@ class Call(Generic[Result]):
         """Wait for the return value, or raise the error of the function.
 
         Meanwhile steps and warnings of the library are reported as if they were of this thread. The
-        control
-        of this thread pauses and cancels the call, and ``on_report`` receives the reports. A call
-        is
-        cancelled if waiting for it is interrupted.
+        control of this thread pauses and cancels the call, and ``on_report`` receives the reports.
+        A call is cancelled if waiting for it is interrupted.
         """
         control, is_over = current_control(), False
 
@@ -100,11 +98,9 @@ class Worker(Generic[State]):
 
     The process starts with the first call, and again with the next call if it has ended. It ends
     when the worker is closed or garbage-collected. ``make_state`` makes the state in the process.
-    Like
-    all functions, it must be importable there. ``ended_message`` is the message of the
+    Like all functions, it must be importable there. ``ended_message`` is the message of the
     `WorkerEndedError` if the process has ended. ``environment`` has changed environment variables
-    of
-    the process.
+    of the process.
     """
 
     def __init__(
@@ -282,8 +278,7 @@ class Server:
     """The main loop of the process: it reads requests, one thread computes, and one answers.
 
     The process ends if the parent ends or if there is no memory. The first message makes the state
-    that
-    all functions receive.
+    that all functions receive.
     """
 
     def __init__(self) -> None:
@@ -370,7 +365,6 @@ def _show_warning(
 
 
 def _run_and_exit(work: Callable[[], None]) -> None:
-    """Run a function, and then end the process."""
     try:
         with suppress(BrokenPipeError):
             work()

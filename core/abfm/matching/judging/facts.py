@@ -47,7 +47,6 @@ class Report:
     choice: str = ""  # the choice of sigma in words, see `abfm.matching.path.choice_text`
 
     def facts(self) -> Facts:
-        """Return the facts of the match."""
         evidence, verdict = self.evidence, self.verdict
         is_given = evidence.stop_reason is StopReason.GIVEN
         headline, reason, bound = self._headline(), self._reason(), evidence.bound
@@ -193,5 +192,4 @@ def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
 
 
 def finite(number: float) -> float | None:
-    """Return a number, or None if it is not finite."""
     return float(number) if math.isfinite(number) else None

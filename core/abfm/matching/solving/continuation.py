@@ -314,7 +314,6 @@ def _gains(state: State) -> bool:
 
 
 def _best(state: State, path: Sequence[StepResult]) -> int:
-    """Return the index of the best step of a path."""
     if state.schedule.has_given_end:
         return len(path) - 1
     scores = np.array([_score(state, result) for result in path])
@@ -425,7 +424,6 @@ def _exact(state: State) -> State:
 
 
 def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
-    """Return the sweep that continues a step on a finer level."""
     sigma, schedule = result.stage.sigma, state.schedule
     sigmas = [sigma] if schedule.is_measured else [s for s in schedule.sigmas if s <= sigma]
     return Sweep(level, tuple(sigmas), origin=result)

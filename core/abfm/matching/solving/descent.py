@@ -192,9 +192,9 @@ def _refuse_overflow(first: Evaluation, levels: Levels) -> None:
 def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) -> Evaluation:
     """Evaluate the fields of a coarser level on the level of a stage.
 
-    Fields of a coarser mesh have kinks over its edges, which increase the norm of second order.
-    If the finer mesh is a subdivision, or if sigma is given, the fields are smoothed as long as
-    this lowers the energy.
+    Fields of a coarser mesh have kinks over its edges, which increase the norm of second order. If
+    the finer mesh is a subdivision, or if sigma is given, the fields are smoothed as long as this
+    lowers the energy.
     """
     energy = levels[stage.level].energy
     evaluate = search_of(energy, stage, record.count).evaluate
@@ -246,8 +246,7 @@ def search_of(
     """Return the search of a stage; ``count`` is called at each evaluation.
 
     If functions and landmarks are matched together, the curvature of the landmarks preconditions
-    the
-    search. It is that at the fields ``at`` (N, F, 2), if these are given.
+    the search. It is that at the fields ``at`` (N, F, 2), if these are given.
     """
     p = energy.parameters
     objective = energy.objective(

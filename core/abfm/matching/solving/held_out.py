@@ -104,7 +104,6 @@ class Fold(NamedTuple):
     before: Stage | None = None
 
     def minimise(self, stages: Sequence[Stage]) -> "Fold":
-        """Return the fold after minimising some stages."""
         _, _, fields, last_iterate, before = self
         for stage in stages:
             last_iterate = minimise_fold(self.energy, stage, fields, last_iterate, before)
@@ -140,18 +139,15 @@ class HeldOut(NamedTuple):
         return self._residual([self.energy.functions.source] * len(self.folds))
 
     def follow(self, stages: Sequence[Stage]) -> "HeldOut":
-        """Minimise the stages of a step in all folds."""
         return self._replace(folds=tuple(fold.minimise(stages) for fold in self.folds))
 
     def score(self, log2_area: float) -> Score:
         """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
 
         The score uses flow lines. The discrete flow has a lag, and fields of a small sigma
-        compensate for
-        it, even where they are not fitted. It would therefore select too small a sigma. However,
-        flow
-        lines interpolate, which lowers the residual of noise. Whether a field improves anything is
-        therefore decided by the discrete flow.
+        compensate for it, even where they are not fitted. It would therefore select too small a
+        sigma. However, flow lines interpolate, which lowers the residual of noise. Whether a field
+        improves anything is therefore decided by the discrete flow.
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])

@@ -1,7 +1,7 @@
 """The levels of a match: energies on meshes from coarse to fine, and transfers between them.
 
-Thin triangles can dominate the cost of an evaluation. Such a mesh has two levels. In the first
-one, the vertices of these triangles form clusters (`abfm.flow.clusters`); the second has none.
+Thin triangles can dominate the cost of an evaluation. Such a mesh has two levels. In the first one,
+the vertices of these triangles form clusters (`abfm.flow.clusters`); the second has none.
 """
 
 import threading
@@ -200,7 +200,6 @@ class Levels:
 
     @classmethod
     def of_mesh(cls, energy: MatchingEnergy) -> "Levels":
-        """Return the levels of the mesh itself."""
         levels = _of_mesh(energy)
         return cls(levels, len(levels) - 1)
 

@@ -18,10 +18,8 @@ def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, 
     """Return the measurements of fields (N, F, 3) along flow lines, by attribute of `PathStep`.
 
     On meshes with more than 20,000 vertices, they are estimated from that number of vertices. The
-    dictionary is empty if flow lines cross too many faces.
-
-    Stretches are those of the map from each vertex to the origin of its value. They are computed
-    from the triangles between mapped vertices.
+    dictionary is empty if flow lines cross too many faces. Stretches are those of the map from each
+    vertex to the origin of its value. They are computed from the triangles between mapped vertices.
     """
     mesh, functions = energy.mesh, energy.functions
     faces = np.arange(len(mesh.faces))

@@ -1,9 +1,9 @@
 """Gauss-Newton search for landmarks, whose term has a known approximate second derivative.
 
 If a flow line passes a vertex on its other side, it may end elsewhere, and the energy jumps. A
-descent would stop at each jump, even if only one landmark causes it. This search therefore lets
-the energy rise, and the caller selects the best iterate. A landmark that did not move as its
-derivative predicted has a smaller weight in the next step.
+descent would stop at each jump, even if only one landmark causes it. This search therefore lets the
+energy rise, and the caller selects the best iterate. A landmark that did not move as its derivative
+predicted has a smaller weight in the next step.
 """
 
 from collections.abc import Callable
@@ -84,7 +84,6 @@ class GaussNewton:
         return Iterate(point.x, point, trust, abs(slope))
 
     def stop_reason(self, state: Iterate) -> str | None:
-        """Return the reason to stop at this iterate, or None to continue."""
         if state.failed:
             return "line search failed"
         return "converged" if state.predicted <= _ROUNDING_SHARE * abs(state.point.energy) else None

@@ -62,8 +62,7 @@ class Stage:
         """Return whether to continue after these energies and residuals of iterates.
 
         The energy has to fall. In a search, the residual also has to fall once the target is found.
-        The
-        energy of a search compares functions over a distance, which no longer matters then.
+        The energy of a search compares functions over a distance, which no longer matters then.
         """
         if self.fixed:
             return True
@@ -150,12 +149,9 @@ class Schedule:
         """Return the stage of a sigma on a level.
 
         ``error`` is the discretisation error of the level, as a residual. On a coarse level, the
-        result
-        of a given sigma is only a start for the mesh itself. The stage then ends at the
-        discretisation
-        error, because a smaller residual on the coarse mesh has no meaning on the mesh itself. A
-        search
-        also ends if the residual stalls.
+        result of a given sigma is only a start for the mesh itself. The stage then ends at the
+        discretisation error, because a smaller residual on the coarse mesh has no meaning on the
+        mesh itself. A search also ends if the residual stalls.
         """
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._has_landmarks_only:

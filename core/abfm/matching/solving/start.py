@@ -26,8 +26,8 @@ def initial_fields(energy: MatchingEnergy) -> FloatArray | None:
 def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
     """Return whether a start (N, F, 2) misses the target, so that a search is needed.
 
-    ``advected`` (C, V) is the source, advected by the start. StartError if this flow overflows
-    or is unstable.
+    ``advected`` (C, V) is the source, advected by the start. StartError if this flow overflows or
+    is unstable.
     """
     if not np.isfinite(advected).all():
         raise StartError("the flow of the start overflows; use a start with slower fields, or none")

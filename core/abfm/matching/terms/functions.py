@@ -136,8 +136,7 @@ class FunctionTerm:
         """The L2 norm of the target minus its mean.
 
         If the target is constant, it is that of the source. If both are constant, it is the norm of
-        the
-        target, or of the source, or 1, whichever is the first above 0.
+        the target, or of the source, or 1, whichever is the first above 0.
         """
         sizes = (self._varying(self.target), self._varying(self.source))
         norms = (self.norm(self.target), self.norm(self.source))

@@ -157,9 +157,7 @@ def landmarks_of(
     """Return landmarks from the input of a user: vertices (L, 2) or two SurfacePoints, or None.
 
     Vertices are rows of the mesh. If ``as_file``, they are numbers of the file, which also counts
-    vertices without faces.
-
-    ParameterError if they do not fit the mesh, or if their numbers differ.
+    vertices without faces. ParameterError if they do not fit the mesh, or if their numbers differ.
     """
     if given is None:
         if weights is not None:

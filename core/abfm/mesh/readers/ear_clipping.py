@@ -46,9 +46,8 @@ def _clip_ears(points: FloatArray) -> IndexArray:
     """Return the triangles (n - 2, 3) of corners (n, 2), or fewer if no ears remain.
 
     The most even ear is cut first. Flat ears wait, because cutting their neighbours may improve
-    them. A
-    simple polygon always has an ear; one that intersects itself may have none. Each cut affects
-    only the two neighbouring corners. The time grows with the square of n.
+    them. A simple polygon always has an ear; one that intersects itself may have none. Each cut
+    affects only the two neighbouring corners. The time grows with the square of n.
     """
     count = len(points)
     before, after = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)

@@ -101,8 +101,7 @@ def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
     """Return the number of triangles, and messages, if header and length of the file disagree.
 
     The length counts if the header announces no triangles, or if all bytes form complete triangles,
-    as
-    in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
+    as in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
     """
     size = _STL_TRIANGLE.itemsize
     if body < size:

@@ -28,8 +28,7 @@ class References:
         """Return the bytes of a file; each file is read once.
 
         OSError if the file cannot be read. ValueError if it is outside the folder, or if the files
-        are too
-        large.
+        are too large.
         """
         path = self.find(name)
         if path not in self._contents:
@@ -49,7 +48,6 @@ class References:
             )
 
     def find(self, name: str) -> Path:
-        """Return the path of the file that a name refers to."""
         if name not in self._found:
             self._found[name] = self._find(name)
         return self._found[name]

@@ -17,9 +17,8 @@ def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> 
     """Merge vertices that are connected by steps of at most a distance into the first of them.
 
     If the distance is True, it is 1e-6 of the diagonal of the bounding box. If faces must not
-    collapse
-    (``may_collapse``), it is also at most half the shortest edge. A number must be smaller than the
-    shortest edge, or than the median one if faces may collapse.
+    collapse (``may_collapse``), it is also at most half the shortest edge. A number must be smaller
+    than the shortest edge, or than the median one if faces may collapse.
     """
     first, place = equal_rows(draft.vertices)
     points = draft.vertices[first]

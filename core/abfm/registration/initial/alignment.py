@@ -99,11 +99,10 @@ def align(
     """Find the motion that brings B closest to A.
 
     The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
-    reflection); ParameterError for any other.
-
-    Three or more landmarks that do not lie on a line determine the start. Otherwise several starts
-    are tried. The first one has the surfaces in their given positions. The others align their
-    principal axes, and rotate by the symmetry groups of a tetrahedron, a cube and an icosahedron.
+    reflection); ParameterError for any other. Three or more landmarks that do not lie on a line
+    determine the start. Otherwise several starts are tried. The first one has the surfaces in their
+    given positions. The others align their principal axes, and rotate by the symmetry groups of a
+    tetrahedron, a cube and an icosahedron.
 
     Each start is refined iteratively. An iteration finds the closest points of each surface on the
     other one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much

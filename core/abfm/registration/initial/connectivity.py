@@ -11,8 +11,7 @@ def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
     """Return the map that takes each vertex of B to the vertex of A with the same number.
 
     The order, the first corner and the orientation of faces may differ. AbfmError if the meshes
-    have
-    different numbers of vertices, or faces between other vertices.
+    have different numbers of vertices, or faces between other vertices.
     """
     difference = _difference(a, b)
     if difference:

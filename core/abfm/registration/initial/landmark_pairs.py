@@ -224,7 +224,6 @@ class _Side(NamedTuple):
 
 
 def _rows(path: str) -> list[_LandmarkRow]:
-    """Read the rows of a landmark file."""
     with file_errors(path, "landmarks"):
         opened = open_file(path)
         if opened.format is not Format.TABLE:

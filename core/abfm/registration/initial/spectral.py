@@ -58,8 +58,7 @@ class SpectralSearch:
     symmetric, several maps are nearly isometries. Maps that preserve the orientation rank first,
     which distinguishes left from right. Maps with smaller differences of mean curvature rank first,
     which distinguishes front from back. AbfmError if a mesh has too few vertices, or a function
-    does
-    not fit its mesh.
+    does not fit its mesh.
 
     Parameters
     ----------
@@ -194,7 +193,6 @@ def _hints(
     landmarks: Landmarks | None,
     functions: tuple[ArrayLike, ArrayLike] | None,
 ) -> Hints:
-    """Return landmarks and functions in eigenfunctions of the coarse meshes."""
     bases = [unit_eigenbasis(mesh, k)[1] for mesh in coarse]
     places, weights = np.zeros((0, 3)), np.zeros(0)
     at = [np.zeros((0, k))] * 2

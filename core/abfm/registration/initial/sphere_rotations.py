@@ -44,7 +44,6 @@ class SphereRotation(NamedTuple):
 
     @property
     def degrees(self) -> float:
-        """Angle of the rotation in degrees."""
         return float(np.degrees(self.rotation.magnitude()))
 
 

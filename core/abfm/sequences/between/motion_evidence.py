@@ -84,10 +84,7 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
 
 
 class _Evidence(NamedTuple):
-    """Sums over a held-out frame.
-
-    ``variance`` is the variance of ``product`` that noise causes.
-    """
+    """Sums over a held-out frame. ``variance`` is the variance of ``product`` that noise causes."""
 
     product: float
     square: float

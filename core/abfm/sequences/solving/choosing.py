@@ -81,7 +81,6 @@ class _ChoiceInput(NamedTuple):
     levels: FloatArray
 
     def energy(self, interval: int, norm: Norm) -> MatchingEnergy:
-        """Return the energy of an interval with a norm of fields."""
         sigma = self.parameters.sigma or SIGMA_MAX
         found = interval_parameters(self.frames, self.parameters, sigma, interval)
         found = found.with_values(order=norm.order, alpha=norm.alpha)
@@ -92,10 +91,8 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
     """Return the norm with the smallest residual on held-out patches, and sigma.
 
     The patches are in a few intervals. Sigma is the largest one that, with this norm, explains
-    nearly
-    as much as the best sigma. ParameterError if sigma is not given, and there are too few vertices
-    to
-    hold any out.
+    nearly as much as the best sigma. ParameterError if sigma is not given, and there are too few
+    vertices to hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     given_norm = Norm(given.order, given.alpha)
@@ -193,8 +190,7 @@ class _HeldOut:
         """Start from the fields of another norm, at the sigma of about the same smoothness.
 
         If the residual is within a ratio `_RESIDUAL_RATIO_MAX` of the smallest one, ``best``,
-        smaller and
-        larger sigmas are tried.
+        smaller and larger sigmas are tried.
         """
         for search, of_other in zip(self.searches, other.searches, strict=True):
             search.starts = of_other.starts

@@ -127,7 +127,6 @@ class Interval:
         return point
 
     def coupling_energy(self, field: FloatArray) -> float:
-        """Return the energy that the neighbours add for a field (F, 2)."""
         total = 0.0
         for each in self._neighbours:
             difference = field - each.field

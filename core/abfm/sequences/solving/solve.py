@@ -95,7 +95,6 @@ class SequenceSolver:
             self._correct_each(on_step)
 
     def choose(self, norm: Norm, sigma: float) -> None:
-        """Set the norm of fields and sigma."""
         self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
         self.sigma, self.is_chosen = sigma, True
 
@@ -256,7 +255,6 @@ class SequenceSolver:
     def _interval(
         self, i: int, adjacent: Sequence[int] = (), shift: FloatArray | float = 0.0
     ) -> Interval:
-        """Return the minimisation of an interval, coupled to the fields of adjacent intervals."""
         duration = float(self.frames.durations[i])
         neighbours = [Neighbour(self.fields[j], self._coupling(i, j) / duration) for j in adjacent]
         return Interval(self.energy(i), neighbours, shift)

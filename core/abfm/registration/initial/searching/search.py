@@ -90,7 +90,6 @@ class Pair(NamedTuple):
     def relax(
         self, start: TwoWayMap, penalties: FloatArray, descriptor_weight: float, iterations: int
     ) -> TwoWayMap:
-        """Relax a map, see `reversible.relax`."""
         scale = np.sqrt(self.weights)
         on_a, on_b = (values * scale for values in self.descriptors)
         return relax(
@@ -193,7 +192,6 @@ class _Search:
         self.given = given
 
     def pair(self, count: int) -> Pair:
-        """Return both surfaces on about ``count`` vertices."""
         a, b = coarse_shape(self.given.a, count), coarse_shape(self.given.b, count)
         on_a, on_b, weights = _functions(self.given, a, b)
         landmarks, landmark_weights = _landmarks(self.given, a, b)
