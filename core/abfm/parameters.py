@@ -396,7 +396,6 @@ class TableRow:
         }
 
     def matches(self, parameters: Parameters) -> bool:
-        """Return whether parameters have all values that the row sets."""
         return parameters.with_values(**self.values) == parameters
 
     def parameters(self, **others: Any) -> Parameters:

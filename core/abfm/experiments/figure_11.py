@@ -42,8 +42,7 @@ _MODES_SMALL = 30
 _VERTICES_MIN = 60
 _BEND = np.pi / 3  # radians
 _CHECKER_FIELDS = 16  # squares of the checkerboard along the longest axis
-# maximum ratio of final and initial mismatch of matched functions
-_MISMATCH_RATIO_MAX = 0.1
+_MISMATCH_RATIO_MAX = 0.1  # maximum ratio of final and initial mismatch of matched functions
 _ZOOM_OUT_STEP = 10  # eigenfunctions added in each step
 # parameters of the reduced basis
 _FIELDS = 50

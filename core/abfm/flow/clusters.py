@@ -16,8 +16,7 @@ RATE_RATIO_MAX = 3.0
 # with the square root of the rate
 _NEIGHBOUR_DISTANCE_MAX = 0.5
 _ROUNDS = 12  # rounds of joining pairs
-# a smaller reduction of the rate does not justify a second discretisation
-_RATE_GAIN_MIN = 1.5
+_RATE_GAIN_MIN = 1.5  # a smaller reduction of the rate does not justify a second discretisation
 
 
 @per_mesh

@@ -164,8 +164,7 @@ class SmoothFlow(NamedTuple):
     The origin of a frame is corner 0.
     """
 
-    # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
-    vectors: FloatArray
+    vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     gradients: FloatArray  # (F, 3, 2), gradients of the hat functions
     # (F, 3, 4), map to the frame behind the edge opposite each corner: cosine, sine, and shift
     unfolding: FloatArray

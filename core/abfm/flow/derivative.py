@@ -43,8 +43,7 @@ class DerivativePattern:
 
     # (V,): f[order] is a function in the pattern's order; vertices of a cluster are consecutive
     order: IndexArray
-    # (V,): f[rank] is a function in the mesh's order; the cluster of each vertex
-    rank: IndexArray
+    rank: IndexArray  # (V,): f[rank] is a function in the mesh's order; the cluster of each vertex
     # (V,), share of each vertex in the area of its cluster; None without clusters
     shares: FloatArray | None
     indptr: IndexArray  # (V + 1,), first group of each row

@@ -189,7 +189,6 @@ def _area_at(state: Embedding, active: IntArray, workspace: Workspace) -> float:
 
 @unfused_kernel
 def sweep(state: Embedding, active: IntArray, workspace: Workspace) -> None:
-    """Move each active vertex by one step."""
     for v in active:
         _move(state, v, 1, workspace)
 

@@ -38,8 +38,7 @@ class Symmetry:
     axis: FloatArray
     centre: FloatArray  # (3,), a point of the mirror's plane or of the axis, in the mesh's units
     linear: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror and 1 for a rotation
-    # (V,), image of each vertex: the nearest vertex of the face closest to it
-    vertex_map: IntArray
+    vertex_map: IntArray  # (V,), image of each vertex: the nearest vertex of the face closest to it
     # whether the map is a permutation, which it is if the mesh itself has the symmetry
     is_permutation: bool
     error: float  # largest distance of a vertex's image from the surface, in sqrt(area)

@@ -124,7 +124,6 @@ def _stamp(namespace: dict[str, Any]) -> str:
 
 
 def inner(a: FloatArray, b: FloatArray) -> float:
-    """Return the inner product of two flat arrays."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]

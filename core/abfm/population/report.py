@@ -136,7 +136,6 @@ def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _table(facts: Mapping[str, Any]) -> list[list[Any]]:
-    """Return the rows of the table of subjects, worst first."""
     names = [each["name"] for each in facts["channels"]]
     columns = [name for name in facts["subjects"][0] if name != "scores"]
     ends = ("before", "after")

@@ -47,7 +47,6 @@ class ArrayStack:
             self._close = weakref.finalize(self, opened.pop_all().close)
 
     def add(self, array: FloatArray) -> None:
-        """Append the array of the next subject."""
         self._shape = (self._shape[0] + 1, *array.shape)
         with writing_in(self._folder):
             self._file.write(np.ascontiguousarray(array, dtype=np.float64).data)

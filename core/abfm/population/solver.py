@@ -235,7 +235,6 @@ class PopulationSolver:
     def _transfer(
         self, tasks: Sequence[SubjectTransfer], label: str
     ) -> Generator[Answer, None, None]:
-        """Yield the answers of transfers, in order."""
         with step(label, len(tasks), f" {counted(len(tasks), 'subject')}") as done:
             for count, answer in enumerate(self._workers.compute(tasks, current_control()), 1):
                 yield answer

@@ -51,10 +51,8 @@ from abfm.workers.progress import stepped
 _WAVE_NUMBERS = 200
 _PRECISIONS = np.concatenate([[0.0], np.geomspace(1e-8, 1e14, 221)])
 """Precisions of the data, relative to the norm at k = 0, at which integrals are tabulated."""
-_LENGTH_MAX = 0.25
-"""Largest length over which slopes are averaged, in sqrt(area)."""
-_FREE_VALUES_MIN = 0.1
-"""Smallest share of all values that counts as not used by the fit."""
+_LENGTH_MAX = 0.25  # largest length over which slopes are averaged, in sqrt(area)
+_FREE_VALUES_MIN = 0.1  # smallest share of all values that counts as not used by the fit
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 

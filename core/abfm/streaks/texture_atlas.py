@@ -33,8 +33,7 @@ class TextureAtlas:
     # largest length of a texel on the surface, in the mesh's units, except in very small textures
     texel_length: float
     corners: FloatArray  # (F, 3, 2), places of the corners of each face, x and y in texels
-    # (size, size), the face of each texel, or -1
-    texel_faces: NDArray[np.int32]
+    texel_faces: NDArray[np.int32]  # (size, size), the face of each texel, or -1
 
     @cached_property
     def corner_coordinates(self) -> FloatArray:

@@ -118,8 +118,7 @@ class Evidence:
     residual: float  # residual of the discrete flow
     stop_reason: StopReason
     verified: float = math.nan  # residual along flow lines; NaN if unknown
-    # share of folded faces in the map of the flow, 0 to 1; NaN if unknown
-    folded: float = math.nan
+    folded: float = math.nan  # share of folded faces in the map of the flow, 0 to 1; NaN if unknown
     # energies of the iterates of the last stage, (n,); None counts as still falling
     energies: FloatArray | None = None
     log2_area: float = math.nan  # mean ``|log2 J|`` of the map; NaN if unknown

@@ -35,8 +35,7 @@ class Iterate:
 
     x: FloatArray
     point: Evaluation
-    # weights of the derivatives of the landmarks, (L,), 0 to 1
-    trust: FloatArray | float = 1.0
+    trust: FloatArray | float = 1.0  # weights of the derivatives of the landmarks, (L,), 0 to 1
     predicted: float = np.inf  # decrease that the last step predicted
     failed: bool = False
 

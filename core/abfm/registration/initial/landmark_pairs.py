@@ -301,7 +301,6 @@ def by_surface(names: list[str], places: list[int]) -> list[int]:
 
 
 def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
-    """Find the meaning of the columns from the first line."""
     count = len(first)
     has_index = not first[0] and count > 1 and not any(not c or is_number(c) for c in first[1:])
     if has_index:  # an unnamed column, as pandas writes it

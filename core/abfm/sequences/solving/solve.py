@@ -22,8 +22,7 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step, stepped
 
-# a larger share of the initial residual starts a long-range search
-_RESIDUAL_SHARE_MAX = 0.2
+_RESIDUAL_SHARE_MAX = 0.2  # a larger share of the initial residual starts a long-range search
 # a long-range field of measured functions must have less than this share of the energy
 _ENERGY_SHARE_MAX = 0.5
 _FAILED_SEARCHES_MAX = 3  # consecutive long-range searches without success

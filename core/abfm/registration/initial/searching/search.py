@@ -391,7 +391,6 @@ def _closest_starts(search: _Search, side: int) -> Iterator[Start]:
 
 
 def _on_coarse(landmarks: Landmarks, pair: Pair) -> Landmarks:
-    """Return landmarks projected onto the coarse surfaces."""
     a, b = (
         project_onto_surface(shape.mesh, points.positions / points.mesh.length_scale)
         for shape, points in ((pair.a, landmarks.a), (pair.b, landmarks.b))
