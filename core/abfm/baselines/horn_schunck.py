@@ -29,9 +29,10 @@ def horn_schunck(
 ) -> FloatArray:
     """Return the field that minimises ``int (dF/dt + <v, grad F>)^2 + smoothness int |grad v|^2``.
 
-    This is the energy of [Lefèvre & Baillet, IEEE TPAMI 30 (2008), section 3]. Its discretisation
-    here differs: a tangent vector for each face, and the time derivative at the face's centroid.
-    Gradients are those halfway between both frames, which makes the linearisation second order.
+    The minimised energy is that of [Lefèvre & Baillet, IEEE TPAMI 30 (2008), section 3]. The
+    discretisation here differs: a tangent vector for each face, and the time derivative at the
+    face's centroid. Gradients are those halfway between both frames, which makes the linearisation
+    second order.
 
     The smoothness term is a finite-volume one: ``sum w_e |P_e v_f - v_f'|^2`` over edges. ``P_e``
     unfolds one face into the plane of the other. The weight ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is

@@ -54,10 +54,10 @@ def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> Floa
 class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that preserves the integral.
 
-    It takes implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has no negative
-    weights, so every entry of the kernel is positive, up to rounding. Several steps approximate a
-    Gaussian up to distances of about ``sqrt(2 steps) width``. The width is the standard deviation
-    of the flat kernel along an axis, as a fraction of sqrt(area).
+    The heat flow takes implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has no
+    negative weights, so every entry of the kernel is positive, up to rounding. Several steps
+    approximate a Gaussian up to distances of about ``sqrt(2 steps) width``. The width is the
+    standard deviation of the flat kernel along an axis, as a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:

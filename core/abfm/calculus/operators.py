@@ -78,10 +78,7 @@ def vertex_areas(mesh: TriangleMesh) -> FloatArray:
 
 @per_mesh
 def edge_areas(mesh: TriangleMesh) -> FloatArray:
-    """Return a third of the area of the faces at each edge, (E,).
-
-    It is the exact Crouzeix-Raviart mass.
-    """
+    """Return the exact Crouzeix-Raviart mass of edges: a third of the adjacent face areas, (E,)."""
     return _thirds(mesh.face_edges, face_areas(mesh), len(mesh.edges))
 
 
@@ -209,8 +206,8 @@ def curl(mesh: TriangleMesh) -> Matrix:
 def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return the stiffness matrix ``grad^T G_F grad`` (cotangent weights), (V, V), semidefinite.
 
-    It is ``-G_V`` times the paper's Laplace-Beltrami operator, with the natural (Neumann) boundary
-    condition.
+    The matrix is ``-G_V`` times the paper's Laplace-Beltrami operator, with the natural (Neumann)
+    boundary condition.
     """
     return stiffness(hat_gradients(mesh), face_areas(mesh), mesh.faces, len(mesh.vertices))
 
@@ -245,9 +242,9 @@ def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
 def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return ``G_F Delta_H``, the symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
-    Its form is the squared norm of the divergence at edges plus that of the curl at the vertices
-    off the boundary. With both at vertices, half of all fields are in the kernel. With both at
-    edges, the spectrum is wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
+    The quadratic form is the squared norm of the divergence at edges plus that of the curl at inner
+    vertices. With both at vertices, half of all fields are in the kernel. With both at edges, the
+    spectrum is wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)
@@ -260,7 +257,7 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
 def vector_norm_matrix(mesh: TriangleMesh, alpha: float) -> Matrix:
     """Return ``G_F D_alpha`` with ``D_alpha = id + alpha Delta_H``, (2F, 2F) (section 3).
 
-    It is symmetric positive definite, with the boundary condition of `hodge_laplacian`.
+    The matrix is symmetric positive definite, with the boundary condition of `hodge_laplacian`.
     """
     return Matrix(field_mass(mesh) + alpha * hodge_laplacian(mesh))
 
@@ -270,9 +267,9 @@ def function_norm_matrix(
 ) -> Matrix:
     """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V) (section 3).
 
-    It is symmetric positive (semi)definite, with the natural boundary condition. A weight ``w``
-    (V,), not negative, gives the form ``int w (f^2 + beta |grad f|^2)``; a face has the smallest
-    weight of its corners.
+    The matrix is symmetric positive (semi)definite, with the natural boundary condition. A weight
+    ``w`` (V,), not negative, gives the form ``int w (f^2 + beta |grad f|^2)``; a face has the
+    smallest weight of its corners.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:

@@ -12,8 +12,8 @@ from abfm.types import FloatArray
 def smoothed(mesh: TriangleMesh, values: FloatArray, length: float) -> FloatArray:
     """Smooth functions (V, C) over a length, in the unit of the mesh.
 
-    It is one implicit step of the heat equation for the time ``length^2``. It preserves constants
-    and integrals.
+    The smoothing is one implicit step of the heat equation for the time ``length^2``. It preserves
+    constants and integrals.
     """
     areas = vertex_areas(mesh)
     heat = Matrix(sparse.diags_array(areas) + length**2 * cotangent_laplacian(mesh))

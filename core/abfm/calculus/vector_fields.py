@@ -82,7 +82,7 @@ def directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 def dual_directional_derivative(mesh: TriangleMesh, f: FloatArray) -> Matrix:
     """Return ``D̄_f = I_V^F [grad f]^T`` on fields, (V, 2F), for ``f`` (V,) (section 4).
 
-    It satisfies ``D̄_f v = D_v f``.
+    The operator satisfies ``D̄_f v = D_v f``.
     """
     return Matrix(averaging(mesh) @ pointwise_inner((gradient(mesh) @ f).reshape(-1, 2)))
 
@@ -95,10 +95,10 @@ def face_directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
     """Return ``ad_v u = [v, u]`` as an operator on fields, (2F, 2F), for ``v`` (F, 2) (Eq. 11).
 
-    It is exactly antisymmetric. ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the Jacobi identity
-    hold in the limit of fine meshes. Eq. 11 acts on the components of fields in space. This
-    implementation reads it in the face frames, which drops the normal part of the printed (3F, 3F)
-    operator.
+    The bracket is exactly antisymmetric. ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the Jacobi
+    identity hold in the limit of fine meshes. Eq. 11 acts on the components of fields in space.
+    This implementation reads it in the face frames, which drops the normal part of the printed (3F,
+    3F) operator.
     """
     components, frames = to_ambient(mesh, v), face_frames(mesh)
     derivative = face_directional_derivative(mesh, v)
@@ -113,8 +113,8 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray:
     """Return the Lie bracket ``[v, u]`` of fields (F, 3), (F, 3).
 
-    Its derivative is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11). On smoothly varying meshes the error
-    is proportional to the edge length.
+    The derivative along the bracket is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11). On smoothly varying
+    meshes the error is proportional to the edge length.
     """
     first, second = _in_frames(mesh, v, u)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -206,9 +206,9 @@ def commuting_fields(
 ) -> FloatArray:
     """Find the smoothest fields that commute with ``v``, smoothest first (section 6, Figure 5).
 
-    It minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` over fields of unit norm.
-    Norms are in L2, and ``|v|`` is the root mean square. The fields are orthogonal in L2 to each
-    other and to ``v``, which commutes with itself. The boundary condition is that of
+    The fields minimise ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` over fields of unit
+    norm. Norms are in L2, and ``|v|`` is the root mean square. The fields are orthogonal in L2 to
+    each other and to ``v``, which commutes with itself. The boundary condition is that of
     `hodge_laplacian`. If ``v`` has a first integral ``f``, the products of ``v`` with functions of
     ``f`` commute with it and are also found. On a mesh no other field commutes exactly, so a weight
     replaces the constraint. The bracket vanishes in proportion to the edge length on smoothly
@@ -267,7 +267,7 @@ def commuting_fields(
 def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
     """Return ``sqrt(area) |[v, u]| / (|v| |u|)`` of fields (F, 3), with root mean squares.
 
-    It has no unit, and is 0 for fields that commute.
+    The result has no unit, and is 0 for fields that commute.
     """
     areas = face_areas(mesh)
     of_v, of_u = (float(np.sqrt(areas @ (w**2).sum(axis=1))) for w in _in_frames(mesh, v, u))

@@ -135,7 +135,7 @@ class Discretisation:
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
         """Return the flow of N consecutive fields (N, F, 2), each for ``tau / N``.
 
-        It releases the terms that earlier flows stored in the workspace.
+        A new flow releases the terms that earlier flows stored in the workspace.
         """
         self.workspace.release()
         parts = [

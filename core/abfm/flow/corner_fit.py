@@ -124,7 +124,7 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
     """Write the angles (F, 3) from the start of each fan of faces to the middles of its corners.
 
-    It fills the entries that are negative.
+    Only negative entries are written.
     """
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:

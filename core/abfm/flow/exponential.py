@@ -78,8 +78,8 @@ def _count(terms: int, size: int) -> None:
 class Workspace:
     """Memory for the terms of series with ``size`` rows, reused between evaluations.
 
-    It takes about 560 MB, of which only the used part is touched, and as much scratch memory if it
-    is full.
+    The workspace takes about 560 MB, of which only the used part is touched, and as much scratch
+    memory if it is full.
     """
 
     def __init__(self, size: int) -> None:
@@ -366,9 +366,9 @@ def chebyshev_forward(
 ) -> tuple[int, float]:
     """Sum a series into ``out``; return the number of terms and ``max |phi_k| / max |f|``.
 
-    It stops when two consecutive terms are below a tolerance times ``max |f|``, but not before the
-    first term of the ``truncation``. The number is 0 if there are too few coefficients. ``terms``
-    (rows, V) receives the ``phi_k`` cyclically.
+    The sum stops when two consecutive terms are below a tolerance times ``max |f|``, but not before
+    the first term of the ``truncation``. The number is 0 if there are too few coefficients.
+    ``terms`` (rows, V) receives the ``phi_k`` cyclically.
     """
     first, tolerance = truncation
     coefficients, f = series.coefficients, _without_negligible(f)
@@ -410,7 +410,7 @@ def _backward_rows(
 ) -> None:
     """Compute the derivative by term k on a block of rows from the next two terms.
 
-    It adds the derivative by the matrix to ``entries``.
+    The derivative by the matrix is added to ``entries``.
     """
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (

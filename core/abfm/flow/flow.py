@@ -174,8 +174,8 @@ class Flow:
     def coordinate_map(self, t: float | None = None) -> PointMap:
         """Return the map of the paper, by advected coordinates.
 
-        It maps each vertex to the surface point closest to the coordinates that `push` advects
-        there. Discrete flows may fold this map.
+        The map takes each vertex to the surface point closest to the coordinates that `push`
+        advects there. Discrete flows may fold this map.
         """
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
@@ -205,7 +205,7 @@ class Flow:
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow to time ``t`` on the first k eigenfunctions, (k, k) (section 4).
 
-        It is the matrix ``Phi^+ exp(-t D_v) Phi``; ``t`` is tau by default.
+        The functional map is the matrix ``Phi^+ exp(-t D_v) Phi``; ``t`` is tau by default.
         """
         basis = unit_eigenbasis(self.mesh, k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)

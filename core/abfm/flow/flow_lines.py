@@ -1,8 +1,8 @@
 """Flow lines of fields that are constant in each face, traced exactly from edge to edge.
 
-They check the discrete advection. A walker is a face and barycentric weights. ``where`` has the
-face and the corner opposite the edge along which the walker slides (-1 inside the face). If both
-faces of an edge push towards it, the walker follows Filippov's solution: the mean of the two
+Exact flow lines check the discrete advection. A walker is a face and barycentric weights. ``where``
+has the face and the corner opposite the edge along which the walker slides (-1 inside the face). If
+both faces of an edge push towards it, the walker follows Filippov's solution: the mean of the two
 vectors that lies along the edge. At a vertex, it continues in a face that leads away or along an
 edge, whichever is the fastest.
 """

@@ -57,8 +57,9 @@ class Curvature(Family):
 def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
     """Return the angle defect over the mixed area (equation 9), (V,), in 1/length^2.
 
-    It is not valid on a boundary. A rounding error ``r`` of the coordinates turns an edge of length
-    ``a`` by an angle ``r / a``. Angle defects up to the sum of these angles are set to 0.
+    The angle defect is not valid on a boundary. A rounding error ``r`` of the coordinates turns an
+    edge of length ``a`` by an angle ``r / a``. Angle defects up to the sum of these angles are set
+    to 0.
     """
     inverse = 1 / side_lengths(mesh.vertices, mesh.faces)
     around = np.roll(inverse, 1, axis=1) + np.roll(inverse, -1, axis=1)
@@ -100,9 +101,9 @@ def _without_noise(values: FloatArray, noise: FloatArray) -> FloatArray:
 def mixed_areas(mesh: TriangleMesh) -> FloatArray:
     """Return the mixed area of each vertex, (V,) (section 3.3 of the paper cited by `Curvature`).
 
-    It is the Voronoi area, except in obtuse faces, of which it has a half or a quarter. With a
-    third of the adjacent faces instead, curvature would be wrong by 15% at irregular vertices of an
-    icosphere.
+    The mixed area is the Voronoi area, except in obtuse faces, of which it has a half or a quarter.
+    With a third of the adjacent faces instead, curvature would be wrong by 15% at irregular
+    vertices of an icosphere.
     """
     voronoi = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
     return np.asarray(voronoi.diagonal())
@@ -124,10 +125,10 @@ def _unit(vectors: FloatArray) -> FloatArray:
 class ShapeDiameter(Family):
     """Thickness of the body under each vertex (shape diameter function), in units of length.
 
-    It is the mean length of rays sent inward, without smoothing and without logarithm. The surface
-    must enclose a body, with faces oriented outward. Reference: section 3 of Shapira, Shamir,
-    Cohen-Or: Consistent Mesh Partitioning and Skeletonisation Using the Shape Diameter Function,
-    2008.
+    The thickness is the mean length of rays sent inward, without smoothing and without logarithm.
+    The surface must enclose a body, with faces oriented outward. Reference: section 3 of Shapira,
+    Shamir, Cohen-Or: Consistent Mesh Partitioning and Skeletonisation Using the Shape Diameter
+    Function, 2008.
 
     - 30 rays lie in a cone of 120 degrees about the inward normal.
     - Hits of a face whose normal is within 90 degrees of that of the vertex are ignored.

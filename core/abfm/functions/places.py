@@ -90,8 +90,9 @@ def _size(summary: str, default: float | None) -> Any:
 class Geodesic(AroundPoints):
     """Distance along the surface to a vertex, or to the nearest of several, in units of length.
 
-    It is exact on meshes of up to 6,000 vertices. On larger meshes it is computed by the heat
-    method, with an error of 1 to 2%: see :func:`abfm.calculus.surface_distance`.
+    The distance is exact on meshes of up to 6,000 vertices. On larger meshes the distance is
+    computed by the heat method, with an error of 1 to 2%: see
+    :func:`abfm.calculus.surface_distance`.
     """
 
     family = "geodesic"

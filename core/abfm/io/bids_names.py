@@ -55,9 +55,10 @@ def bids_name(
 ) -> str:
     """Return a BIDS name, without a folder, for a file derived from another one.
 
-    Its parts are those of the name of the source, except for the arguments. Entities have the order
-    of BIDS; unknown ones of the source precede ``desc``. If the name of the source is not a BIDS
-    name, the hemisphere is used, and the suffix of a FreeSurfer name such as ``lh.white``.
+    The parts of the new name are those of the source's name, except for the arguments. Entities
+    have the order of BIDS; unknown ones of the source precede ``desc``. If the name of the source
+    is not a BIDS name, the hemisphere is used, and the suffix of a FreeSurfer name such as
+    ``lh.white``.
 
     Parameters
     ----------

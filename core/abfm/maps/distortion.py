@@ -73,7 +73,7 @@ class Bound(NamedTuple):
 class Distortion:
     """Distortion of each of F faces by a map.
 
-    It is the result of `abfm.maps.chord_distortion` and `abfm.PointMap.distortion`.
+    `abfm.maps.chord_distortion` and `abfm.PointMap.distortion` return such objects.
     """
 
     singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
@@ -163,8 +163,8 @@ def log2_changes(
 ) -> tuple[float, float, float]:
     """Return statistics of the distortion of faces (S,) whose corners are mapped to (S, 3, 3).
 
-    They are the mean and the 95th percentile of ``|log2 J|``, and the mean of ``|log2 R|``, all
-    weighted by area. The map is linear on each face.
+    The statistics are the mean and the 95th percentile of ``|log2 J|``, and the mean of
+    ``|log2 R|``, all weighted by area. The map is linear on each face.
     """
     found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _STRETCH_MIN)
     logs, areas = np.log2(found), face_areas(mesh)[faces]

@@ -55,10 +55,10 @@ def transfer(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayL
 def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> PointMap:
     """Return the point map of a functional map (k_target, k_source) [OBC*12, 6.1].
 
-    It takes every vertex of the target to a vertex of the source. The delta function at a vertex of
-    the source has a row of ``Phi_source`` as its coefficients. ``C`` transfers it to the same row
-    of ``Phi_source C^T``. A vertex of the target is mapped to the vertex of the source whose row
-    there is closest to its row of ``Phi_target``.
+    The point map takes every vertex of the target to a vertex of the source. The delta function at
+    a vertex of the source has a row of ``Phi_source`` as its coefficients. ``C`` transfers it to
+    the same row of ``Phi_source C^T``. A vertex of the target is mapped to the vertex of the source
+    whose row there is closest to its row of ``Phi_target``.
 
     Searching rows of ``Phi_target C`` among those of ``Phi_source`` would use the adjoint of ``C``,
     which is its inverse only if ``C`` is orthogonal.

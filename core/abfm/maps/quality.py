@@ -1,7 +1,7 @@
 """Measures of the quality of maps.
 
-They are geodesic errors relative to a known map, distances from the surface before projection,
-folded faces, and errors of round trips.
+The measures are geodesic errors relative to a known map, distances from the surface before
+projection, folded faces, and errors of round trips.
 """
 
 from dataclasses import dataclass
@@ -101,8 +101,9 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
     """Return the distance along the surface from a vertex to a point in a face.
 
-    It is the smaller one of two upper bounds. One is the interpolation of the corners' distances,
-    which on flat parts is never too short. The other is the shortest path through a corner.
+    The result is the smaller one of two upper bounds of the distance. One is the interpolation of
+    the corners' distances, which on flat parts is never too short. The other is the shortest path
+    through a corner.
     """
     corners = mesh.faces[face]
     point = barycentric @ mesh.vertices[corners]

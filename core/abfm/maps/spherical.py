@@ -144,8 +144,8 @@ class SphereLayout:
     def locate(self, directions: ArrayLike) -> SurfacePoints:
         """Return the points of the surface in given directions (P, 3).
 
-        This is the inverse of `directions_of` except at flipped faces. In a hole the result is the
-        closest point of the layout, which is on a boundary.
+        This method is the inverse of `directions_of` except at flipped faces. In a hole the result
+        is the closest point of the layout, which is on a boundary.
         """
         given = finite_points(directions)
         given = given / np.linalg.norm(given, axis=1)[:, None]
@@ -220,7 +220,7 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
 def side_volumes(layout: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
     """Compute the signed volumes (3,) between a point and each side of a face.
 
-    They are the barycentric weights of the point, up to a factor.
+    The volumes are the barycentric weights of the point, up to a factor.
     """
     for k in range(3):
         i, j = layout.corners[face, (k + 1) % 3], layout.corners[face, (k + 2) % 3]

@@ -52,7 +52,7 @@ class SpreadPoints:
 def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     """Choose points of a surface one by one, each as far as possible from all points before it.
 
-    This is farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster
+    The method is farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster
     distance, 1985) of candidates that are spread by area.
 
     Distances are measured in space between points with similar normals, so both sides of a thin

@@ -119,7 +119,7 @@ def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
     """Return the point of the surface closest to each point in space (P, 3), in the mesh's units.
 
-    It is exact up to rounding, and deterministic if several faces are equally close.
+    The closest point is exact up to rounding, and deterministic if several faces are equally close.
     """
     return ClosestPoints(mesh).to(points)
 

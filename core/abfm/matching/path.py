@@ -87,7 +87,7 @@ NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 def choice_text(path: Sequence[PathStep], step: int) -> str:
     """Return a phrase about the selected sigma: its score, and the larger ones of its neighbours.
 
-    It is empty if no patches were held out, or if another step has a smaller score.
+    The phrase is empty if no patches were held out, or if another step has a smaller score.
     """
     scores = np.array([each.score for each in path])
     if not scores[step] <= np.nanmin(scores, initial=np.inf):
@@ -113,9 +113,9 @@ def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
 def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> dict[str, Any]:
     """Return the arrays of a path for a file, without the fields of the ``selected`` step.
 
-    They are a row of numbers for each step, and the fields of the other steps. These fields are
-    divided by the length scale of the mesh, rounded to single precision, and concatenated along the
-    faces. If steps have different numbers of fields, these numbers are stored as well, and all
+    The arrays are a row of numbers for each step, and the fields of the other steps. These fields
+    are divided by the length scale of the mesh, rounded to single precision, and concatenated along
+    the faces. If steps have different numbers of fields, these numbers are stored as well, and all
     fields are concatenated.
     """
     rows = np.array([[*(getattr(e, name) for name in NUMBERS), e.refined(mesh)] for e in path])

@@ -217,8 +217,8 @@ class Problem:
     def divergence(self) -> float:
         """The weight of the divergence of a field relative to its curl.
 
-        It is the parameter or, if that is None, depends on whether the functions are measured. It
-        is the same on coarser and finer meshes.
+        The weight is the parameter ``divergence`` or, if that is None, depends on whether the
+        functions are measured. It is the same on coarser and finer meshes.
         """
         given = self.parameters.divergence
         if given is None:
@@ -485,7 +485,7 @@ def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:
 class _Finer:
     """The restriction of data terms from a mesh to its midpoint subdivision.
 
-    Its attribute ``coarse`` is the finer mesh, because the protocol `Restriction` requires this
+    The attribute ``coarse`` is the finer mesh, because the protocol `Restriction` requires this
     name.
     """
 
@@ -561,7 +561,8 @@ def _read_only(array: FloatArray) -> FloatArray:
 def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> FloatArray:
     """Return a function (V,) on the subdivided mesh, (V + E,).
 
-    It is evaluated from its spec if the spec defines the same function there, else interpolated.
+    The function is evaluated from its spec if this defines the same function on the subdivided
+    mesh, else interpolated.
     """
     fine = refined(mesh, 1)
     if spec and _is_meaningful(spec):

@@ -175,7 +175,8 @@ class Match(Display):
     def landmark_errors(self) -> FloatArray | None:
         """The errors of the landmarks along flow lines, (L,); None without landmarks.
 
-        They are distances along the surface to the targets, as fractions of sqrt(area).
+        The errors are distances along the surface from the ends of the landmarks to their targets,
+        as fractions of sqrt(area).
         """
         landmarks = self.problem.landmarks
         if landmarks is None:
@@ -191,7 +192,7 @@ class Match(Display):
     def mismatch(self) -> float:
         """The mismatch of the functions as in the paper, ``||f_tau - g|| / ||g||``.
 
-        It refers to the mesh of the fields or, if unknown there, to the mesh itself.
+        The mismatch refers to the mesh of the fields or, if unknown there, to the mesh itself.
         """
         known, functions = self.path[self.step].mismatch, self.problem.functions
         return functions.mismatch(self.advected.T) if math.isnan(known) else known
@@ -252,8 +253,8 @@ class Match(Display):
     def with_step(self, step: PathStep) -> Match:
         """Return the match of a new step, which is appended to the path.
 
-        Its measurements are recomputed by both checks. AbfmError if its fields cannot advect the
-        source.
+        The measurements of the step are recomputed by both checks. AbfmError if its fields cannot
+        advect the source.
         """
         problem = self.problem.refined(step.refined(self.mesh))
         fine_advected = _advected(problem, step.velocity)
@@ -417,7 +418,7 @@ class Match(Display):
     def save(self, path: File) -> None:
         """Write a result file (``.npz``, no pickles) atomically, or raise ResultError.
 
-        It contains the functions and landmarks, and no other data terms.
+        The file contains the functions and landmarks, and no other data terms.
         """
         results.save_arrays(path, results.all_arrays(self._parts()))
 

@@ -58,8 +58,9 @@ def range_bound(functions: FunctionTerm) -> float:
 def value_gap(functions: FunctionTerm) -> float:
     """Return the residual caused by values that only one of the functions has.
 
-    It is the larger one of both functions, so it is the same for the match from g to f. Values that
-    only the source has cannot vanish along a flow either, although their area can become small.
+    The result is the larger one of the residuals of both functions, so it is the same for the match
+    from g to f. Values that only the source has cannot vanish along a flow either, although their
+    area can become small.
     """
     return max(range_bound(functions), range_bound(functions.reversed()))
 
@@ -246,9 +247,9 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
 def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
     """Return the peaks and pits of two functions (V,), if they certainly differ, else None.
 
-    They differ if a peak or pit has no counterpart, and a persistence above 0.2 of the larger
-    range. Value and pass of a counterpart differ by at most 0.1 of that range. For every flow, the
-    advected source then differs from the target by at least 0.1 of the range somewhere.
+    The functions differ if a peak or pit has no counterpart, and a persistence above 0.2 of the
+    larger range. Value and pass of a counterpart differ by at most 0.1 of that range. For every
+    flow, the advected source then differs from the target by at least 0.1 of the range somewhere.
 
     The result has the numbers of peaks and pits with a persistence above 0.2 of the range. If these
     numbers are equal, it describes the peaks or pits without a counterpart.

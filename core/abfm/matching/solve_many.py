@@ -103,8 +103,8 @@ class _Task(NamedTuple):
 def _disk(folder: Path) -> tuple[str, int, int]:
     """Return an identity of the disk of a temporary folder; it outlasts the folder.
 
-    It is the name of the machine, with device and inode of the parent folder. Machines with equal
-    disks have different names, and containers with equal names have different disks.
+    The identity is the name of the machine, with device and inode of the parent folder. Machines
+    with equal disks have different names, and containers with equal names have different disks.
     """
     try:
         found = folder.parent.stat()

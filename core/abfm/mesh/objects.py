@@ -104,7 +104,7 @@ def _of_poly_data(source: Any) -> FileContents:
 def _of_grid(source: Any) -> FileContents:
     """Read the polygons of a PyVista ``UnstructuredGrid``.
 
-    Its extracted surface has another order.
+    The surface that PyVista extracts has another order.
     """
     types = np.asarray(source.celltypes).astype(np.int64)
     sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)

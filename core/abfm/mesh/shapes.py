@@ -133,7 +133,7 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
 def gourd(frequency: int) -> TriangleMesh:
     """Return a flattened surface of revolution about y with three bulges.
 
-    It has 10 * frequency**2 + 2 vertices.
+    The surface has 10 * frequency**2 + 2 vertices.
     """
     ball = geodesic_sphere(frequency)
     polar = np.arccos(np.clip(ball.vertices[:, 1], -1, 1))

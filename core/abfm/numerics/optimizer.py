@@ -225,7 +225,7 @@ def strong_wolfe(
 ) -> Trial[Point] | None:
     """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
 
-    These are algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. The search
+    The search follows algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. It
     tries ``first`` first, and computes slopes only where the value is low enough. After twelve
     trials it returns the lowest trial with sufficient decrease, or None if there is none. A value
     that is not finite counts as infinite, so the step is shortened.

@@ -27,8 +27,8 @@ _PIECE_LENGTH = 0.01  # sqrt(area): longer pieces of a path could cut through th
 def fast_speed_of(sequence: abfm.Sequence) -> float:
     """Return the typical fast speed of a sequence.
 
-    This is the root mean square over intervals of the fast speed of each interval. It prevents that
-    one fast interval shortens the arrows of all others.
+    The result is the root mean square of the fast speeds of all intervals. One fast interval
+    therefore does not shorten the arrows of all others.
     """
     speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
     fast = [abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds]

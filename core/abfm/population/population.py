@@ -156,7 +156,7 @@ class Population(Display):
     def distance(self) -> FloatArray:
         """L2 distance of each subject to the mean of the other included subjects, (N,).
 
-        It is divided by the L2 norm of that mean minus its average over the surface.
+        The distance is divided by the L2 norm of that mean minus its average over the surface.
         """
         return self._number("distance")
 
@@ -232,7 +232,8 @@ class Population(Display):
     def deviation(self, channel: str | int = 0) -> FloatArray:
         """Return the standard deviation of a channel over included subjects, (V,).
 
-        It is the root of the unbiased variance. It is NaN where fewer than two subjects are known.
+        The result is the root of the unbiased variance; NaN where fewer than two subjects are
+        known.
         """
         return statistics.deviation(*self._registered(channel))
 

@@ -144,8 +144,8 @@ class Columns:
     def by_vertex(self) -> Columns:
         """Convert a column of vertex numbers, if there is one, to the attribute ``vertices``.
 
-        Such a column is named vertex, node, index, Vertex ID or similar, or is the first one and
-        has no name.
+        A column of vertex numbers is named vertex, node, index, Vertex ID or similar, or is the
+        first one and has no name.
         """
         place = self._place_of_vertices()
         if place is None:

@@ -40,7 +40,7 @@ class Labels:
     def with_unknown(self) -> "Labels":
         """Return labels in which vertices without a label have a named key, as GIFTI requires.
 
-        It is the key named "???" or "unknown", or else the smallest unused key from 0.
+        The named key is "???" or "unknown", or else the smallest unused key from 0.
         """
         absent = self.values == NO_LABEL
         if NO_LABEL in self.names or not absent.any():

@@ -241,9 +241,9 @@ class Correspondence(Display):
     def distortion(self) -> Distortion:
         """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
 
-        Both surfaces are scaled to unit area. A map such as one between left and right may reverse
-        the orientation of most faces. Then the faces whose orientation it preserves count as
-        flipped.
+        Surfaces A and B are scaled to unit area. A map such as one between left and right may
+        reverse the orientation of most faces. Then the faces whose orientation it preserves count
+        as flipped.
         """
         return self._distortion
 

@@ -85,8 +85,8 @@ class Registration(Correspondence):
     def residual(self) -> float:
         """The residual of the complete map, measured as `Match.residual`.
 
-        It compares A's functions at the points of A that correspond to vertices of B with B's
-        functions. NaN if A's functions are not known.
+        The residual compares A's functions at the points of A that correspond to vertices of B with
+        B's functions. NaN if A's functions are not known.
         """
         return self._residual_by(self)
 
@@ -109,8 +109,8 @@ class Registration(Correspondence):
     def verdict(self) -> Verdict:
         """The verdict of the registration.
 
-        It is the verdict of the match, with two exceptions. A warning about the initial map makes
-        it "not reached". A large residual of the complete map makes it worse.
+        The result is the verdict of the match, with two exceptions. A warning about the initial map
+        makes it "not reached". A large residual of the complete map makes it worse.
         """
         verdict, match = self.match.verdict, self.match
         if not verdict.kind.is_good:
@@ -131,8 +131,8 @@ class Registration(Correspondence):
     def facts(self) -> Facts:
         """Facts of the registration for reports.
 
-        They are those of its match, with the residual, distortion and folded faces of the complete
-        map from A to B.
+        The facts are those of its match, with the residual, distortion and folded faces of the
+        complete map from A to B.
         """
         match = self.match
         try:

@@ -110,7 +110,7 @@ def _export_surface(path: Path, found: Registration) -> None:
 def vertex_numbers(points: PointMap) -> IntArray:
     """Return the nearest vertex of the codomain for each vertex of the domain.
 
-    Both are numbered as in their mesh files. Vertices without a face have the value -1.
+    Vertices are numbered as in their mesh files. Vertices without a face have the value -1.
     """
     return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
 

@@ -44,9 +44,9 @@ _KIND = results.FileKind(
 class SequenceCheckpoint:
     """A file with the intermediate results of a sequence until its result is saved.
 
-    Its name contains the result and a digest of the problem and of the code. Only a run of the same
-    problem by the same code therefore resumes from it. The resumed run gives the same result, bit
-    for bit, as an uninterrupted one.
+    The name of the file contains that of the result and a digest of the problem and of the code.
+    Only a run of the same problem by the same code therefore resumes from it. The resumed run gives
+    the same result, bit for bit, as an uninterrupted one.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     - ``divergence`` and ``curl`` of the field
     - ``measured``, if values are missing in some frame: 0 where they are filled in, else 1
 
-    It has these cell data:
+    Each frame has these cell data:
 
     - ``velocity``
     - ``uncertainty``: standard error of the velocity, infinite where frames determine no motion

@@ -53,8 +53,8 @@ class Frames:
     def deviation(self) -> float:
         """Size of the frames, the unit of a relative sigma.
 
-        It is the root mean square, over frames, of the L2 norm of each frame minus its mean. The
-        mesh has unit area, and all channels count. It is 1 if all frames are constant.
+        The size is the root mean square, over frames, of the L2 norm of each frame minus its mean.
+        The mesh has unit area, and all channels count. It is 1 if all frames are constant.
         """
         term = FunctionTerm(
             self.mesh.normalized(), self.values[0], self.values[0], self.mask, self.weights
@@ -145,7 +145,7 @@ def check_frames(
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
     """Return the absolute sigma of an interval of this duration.
 
-    It grows with the square root of the duration, so that both energy terms keep their balance.
+    Sigma grows with the square root of the duration, so that both energy terms keep their balance.
     """
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))

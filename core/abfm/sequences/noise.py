@@ -29,10 +29,10 @@ def noise(
 ) -> FloatArray:
     """Estimate the standard deviation of independent noise of functions (..., V), (...,).
 
-    It is an upper bound, since curvature of a function within single edges adds to it. The
-    difference of a value from the mean of its ``n`` neighbours has ``1 + 1/n`` times the variance
-    of the noise. See Immerkær, Computer Vision and Image Understanding 64 (1996). The median over
-    the compared vertices ignores jumps.
+    The estimate is an upper bound, since curvature of a function within single edges adds to it.
+    The difference of a value from the mean of its ``n`` neighbours has ``1 + 1/n`` times the
+    variance of the noise. See Immerkær, Computer Vision and Image Understanding 64 (1996). The
+    median over the compared vertices ignores jumps.
     """
     median = np.median(_neighbour_deviations(mesh, functions)[..., compared], axis=-1)
     return np.asarray(median / 0.6744897501960817)  # median absolute value of a normal variable

@@ -77,7 +77,7 @@ class Sequence(Solution, Display):
     def facts(self) -> Facts:
         """Facts of the sequence for reports.
 
-        Its outcome is good if at least half of its intervals are.
+        The outcome of the sequence is good if at least half of its intervals are.
         """
         numbers = (np.asarray(getattr(self, name)) for name in NUMBERS)
         return facts_of_intervals(self.verdicts, *numbers)
@@ -127,8 +127,9 @@ class Sequence(Solution, Display):
     def motion_shares(self) -> FloatArray:
         """Share of motion in interpolated frames, (T - 1,), from 0 (a linear blend) to 1.
 
-        It is `motion_share` if that is known. Otherwise, for example for two frames, it is 1 for
-        confirmed intervals and 0 for others. It is 0 for intervals whose verdict excludes a motion.
+        The share is `motion_share` if that is known. Otherwise, for example for two frames, it is 1
+        for confirmed intervals and 0 for others. It is 0 for intervals whose verdict excludes a
+        motion.
         """
         return motion_shares(self.verdicts, self.motion_share)
 
@@ -161,9 +162,9 @@ class Sequence(Solution, Display):
     def covariances(self) -> FloatArray:
         """Covariance of the velocity on each face, (T - 1, F, 2, 2), in the square of its unit.
 
-        It is in the face frames (`abfm.calculus.face_frames`). It is infinite for intervals whose
-        verdict excludes a motion, and for all intervals unless the sequence `has_motion`. See
-        ``abfm.sequences.uncertainty``.
+        The covariance is in the face frames (`abfm.calculus.face_frames`). It is infinite for
+        intervals whose verdict excludes a motion, and for all intervals unless the sequence
+        `has_motion`. See ``abfm.sequences.uncertainty``.
         """
         return self._posterior.covariances
 
@@ -171,7 +172,7 @@ class Sequence(Solution, Display):
     def uncertainty(self) -> FloatArray:
         """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit.
 
-        It is the square root of the trace of `covariances`.
+        The standard error is the square root of the trace of `covariances`.
         """
         return np.asarray(np.sqrt(np.trace(self.covariances, axis1=2, axis2=3)))
 
@@ -225,8 +226,8 @@ class Sequence(Solution, Display):
     def speed_determined(self) -> FloatArray:
         """Share of the mean squared speed over the surface that the frames determine, (T - 1,).
 
-        It is the mean of `determined`, weighted with the squared speed. Without motion it is the
-        mean over the area.
+        The share is the mean of `determined`, weighted with the squared speed. Without motion it is
+        the mean over the area.
         """
         areas = face_areas(self.mesh)
         weights = areas * (self.velocity**2).sum(axis=2)
@@ -250,7 +251,7 @@ class Sequence(Solution, Display):
     def tracks(self, min_intervals: int = 3) -> list[Track]:
         """Link critical points of consecutive intervals to tracks, the longest first.
 
-        It returns the tracks with at least ``min_intervals`` intervals.
+        Only tracks with at least ``min_intervals`` intervals are returned.
         """
         return tracks(self.mesh, self._critical, self.middles, min_intervals)
 
@@ -321,7 +322,7 @@ def sequence(
 ) -> Sequence:
     """Find the fields whose flows map each frame of a function to the next.
 
-    It minimises, over the fields ``v_i`` of the intervals of length ``d_i``,
+    The function minimises, over the fields ``v_i`` of the intervals of length ``d_i``,
 
         sum_i d_i/2 ||v_i||^2 + 1/(2 sigma^2 d_i) ||f_i o phi_i^-1 - f_(i+1)||^2
         + gamma/2 sum_i min(d_i, d_(i+1)) ||v_i - v_(i+1)||^2

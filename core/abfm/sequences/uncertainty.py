@@ -119,7 +119,8 @@ def _values(sequence: Solution) -> int:
 def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the tensors of the data.
 
-    They are in the unit of the norm at k = 0, and averaged over the length that the norm bridges.
+    The tensors are in the unit of the norm at k = 0, and averaged over the length that the norm
+    bridges.
     """
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
@@ -171,7 +172,7 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 def _length(sequence: Solution, precision: float) -> float:
     """Return the length, in sqrt(area), over which the norm averages data of a precision.
 
-    It is the wavelength at which norm and data are equally stiff, and at least an edge.
+    The length is the wavelength at which norm and data are equally stiff, and at least an edge.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
     excess = max(precision, 0.0) ** (1 / parameters.order) - 1

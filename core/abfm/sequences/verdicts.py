@@ -38,7 +38,7 @@ NUMBERS = ("residual", "verified_residual", "folded", "motion_share")
 def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
     """Return the outcome of a sequence: good if at least half of its intervals are good.
 
-    It is the most common outcome among its good intervals, or else among the other intervals.
+    The outcome is the most common one among the good intervals, or else among the other intervals.
     """
     is_good = 2 * sum(outcome.is_good for outcome in outcomes) >= len(outcomes)
     counts = Counter(outcome for outcome in outcomes if outcome.is_good == is_good)
@@ -78,8 +78,8 @@ def verdict_of(
 ) -> Verdict:
     """Return the verdict of an interval.
 
-    It is the verdict of a match. In addition, a residual within the noise is accepted; ``levels``
-    (C, V) are the standard deviations of the noise.
+    The verdict is that of a match, except that a residual within the noise is accepted. The
+    standard deviations of the noise are ``levels`` (C, V).
     """
     functions = problem.functions
     if not found:

@@ -175,7 +175,7 @@ class Track(NamedTuple):
 def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
     """Set a walker's vector to its next step.
 
-    It is zero where the field is below the smallest speed or turns back.
+    The step is zero where the field is below the smallest speed or turns back.
     """
     f, x, y, before_x, before_y = walker
     u, v = vector_at(flow, f, x, y)
@@ -287,9 +287,9 @@ def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) ->
 def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: FloatImage) -> None:
     """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
 
-    It fills the texels whose centre is in their face, and sets ``done`` (texels,) for them. Each
-    streamline serves the texels that it meets, unless another streamline came nearer to their
-    centres. It grows while enough of these texels are new.
+    The convolution fills the texels whose centre is in their face, and sets ``done`` (texels,) for
+    them. Each streamline serves the texels that it meets, unless another streamline came nearer to
+    their centres. It grows while enough of these texels are new.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS

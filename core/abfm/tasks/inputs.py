@@ -82,10 +82,7 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
 
 
 def hint(text: str) -> str:
-    """Return advice on how to write a number, if a text contains a comma.
-
-    Otherwise an empty text.
-    """
+    """Return advice on how to write a number if a text contains a comma, else an empty text."""
     return "; use a decimal point and no thousands separators" if "," in text else ""
 
 

@@ -29,8 +29,8 @@ class ProcessEndedError(Exception):
 class ChildProcess:
     """Runs ``python -m module``, which serves `Requests`, until it is closed or garbage-collected.
 
-    Its environment is that of this process with some variables changed. `multiprocessing` is not
-    used because its new processes run the user's script again.
+    The environment of the child is that of this process with some variables changed.
+    `multiprocessing` is not used because its new processes run the user's script again.
     """
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:

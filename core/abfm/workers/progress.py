@@ -56,7 +56,7 @@ class Step:
     def seconds_remaining(self, now: float | None = None) -> float | None:
         """Return the remaining seconds, at least 0.
 
-        It is None if unknown, for example if the step takes longer than expected.
+        The result is None if unknown, for example if the step takes longer than expected.
         """
         elapsed = self._elapsed(now)
         if self.done is not None:
@@ -165,8 +165,8 @@ def step(
 def stepped(task: str, items: Collection[Item]) -> Iterator[Iterator[Item]]:
     """Report work through items as one step, which ends with the context.
 
-    It yields an iterator over the items. The iterator calls `checkpoint` before each item, and
-    reports the completed share after each.
+    The context yields an iterator over the items. The iterator calls `checkpoint` before each item,
+    and reports the completed share after each.
     """
     with step(task) as done:
         yield _counted(items, done)

@@ -20,7 +20,7 @@ _Job = Callable[[], None]
 class DaemonThreads(Executor):
     """An executor with as many threads as there are jobs at once, so that no job waits for another.
 
-    It lets a program end during jobs, unlike `concurrent.futures.ThreadPoolExecutor`.
+    The executor lets a program end during jobs, unlike `concurrent.futures.ThreadPoolExecutor`.
     """
 
     def __init__(self, name: str) -> None:

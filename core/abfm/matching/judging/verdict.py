@@ -132,8 +132,8 @@ class Evidence:
 def is_registered(residual: float, first: float) -> bool:
     """Return whether a residual is small enough for registered functions.
 
-    It has to be clearly smaller than the residual ``first`` without motion, and smaller than that
-    of functions with nothing in common.
+    The residual has to be clearly smaller than the residual ``first`` without motion, and smaller
+    than that of functions with nothing in common.
     """
     return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
@@ -399,7 +399,7 @@ class _Case:
     def _is_cut_short(self) -> bool:
         """Return whether the run ended early while the energy still fell.
 
-        It is False if the flow squeezed the source instead of moving it.
+        The result is False if the flow squeezed the source instead of moving it.
         """
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:

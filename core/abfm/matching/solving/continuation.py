@@ -131,10 +131,7 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state.
-
-    It begins at the start of the problem if this is usable, else searches.
-    """
+    """Return the first state: at the start of the problem if this is usable, else a search."""
     p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
     at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
@@ -561,7 +558,7 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
     """Return a result as a step of the path, in the input's unit.
 
-    Its fields are those of the mesh itself or of a finer one.
+    The fields of the step are those of the mesh itself or of a finer one.
     """
     level = max(result.stage.level, levels.mesh_level)
     mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale

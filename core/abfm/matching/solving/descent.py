@@ -165,7 +165,8 @@ def terminate(descent: Descent) -> StopReason | None:
 def finish(descent: Descent, reason: StopReason) -> Progress:
     """Return the progress of a descent, with the iterate of least energy.
 
-    This may not be the last iterate, as a search for landmarks can also raise the energy.
+    The iterate of least energy may not be the last one, as a search for landmarks can also raise
+    the energy.
     """
     best, least, record = descent.progress.point, descent.least, descent.record
     best = least if least.energy < best.energy else best

@@ -37,7 +37,7 @@ _WAIT_SECONDS = 0.05  # between two tests whether another thread has finished a 
 class Transfer:
     """The transfer between a coarse and a fine mesh of one surface by closest points.
 
-    Both meshes have the same unit.
+    The coarse and the fine mesh have the same unit of length.
     """
 
     coarse: TriangleMesh
@@ -175,7 +175,8 @@ class Level:
     def affordable_iterations(self, iterations: int, x: FloatArray) -> int:
         """Return the number of iterations that are affordable without clusters.
 
-        They cost at most a constant factor more than ``iterations`` with clusters.
+        These iterations cost at most a constant factor more than ``iterations`` iterations with
+        clusters.
         """
         if self.cheaper is None:
             return iterations
@@ -251,7 +252,7 @@ class Levels:
     def with_coarser(self) -> "Levels":
         """Return the levels with additional coarser meshes.
 
-        Their number is a parameter or depends on the mesh size.
+        The number of levels is a parameter or depends on the mesh size.
         """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min

@@ -91,8 +91,8 @@ class GaussNewton:
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
     """Return the weights (L,) of landmarks: smaller if a landmark did not move as predicted.
 
-    They depend on the errors (L,), the residuals before the step (L, 2) and the predicted motion
-    (L, 2).
+    The weights depend on the errors (L,), the residuals before the step (L, 2) and the predicted
+    motion (L, 2).
     """
     expected = np.linalg.norm(away + moved, axis=1)
     usual = np.maximum(_ERROR_USUAL, _ERROR_SHARE * np.linalg.norm(moved, axis=1))

@@ -134,7 +134,7 @@ class Schedule:
     def reach(self, residual: float) -> float:
         """Return the reach of the next variant, after a variant with this residual.
 
-        It is the largest reach if that variant did not find the target.
+        The next reach is the largest one if that variant did not find the target.
         """
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach
@@ -184,7 +184,7 @@ class Schedule:
     def landmark_sigma(self, sigma: float) -> float:
         """Return the tolerance of the landmarks in the step of a sigma.
 
-        It falls faster than sigma, so that landmarks are matched first.
+        The tolerance falls faster than sigma, so that landmarks are matched first.
         """
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:

@@ -65,8 +65,8 @@ def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, Floa
 def start_on_coarsest(levels: Levels, start: FloatArray | None, is_required: bool) -> FloatArray:
     """Return the initial fields (N, F, 2) on the coarsest level, from a start on the finest one.
 
-    They are zero without a start. They are also zero if the start is much worse than no motion,
-    unless it ``is_required``.
+    The fields are zero without a start. They are also zero if the start is much worse than no
+    motion, unless it ``is_required``.
     """
     energy = levels[0].energy
     rest = np.zeros(energy.shape)

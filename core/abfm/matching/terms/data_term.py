@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 class Restriction(Protocol):
     """The transfer of functions from a mesh to a coarser or finer one of the same surface.
 
-    Both meshes have the same unit.
+    Both meshes have the same unit of length.
     """
 
     @property
@@ -40,7 +40,8 @@ class Measure(Protocol):
 class DataTerm(Protocol):
     """A term of the energy that compares advected functions with targets.
 
-    It refers to a mesh of unit area and is immutable. Plots of the energy show its ``name``.
+    A data term refers to a mesh of unit area and is immutable. Plots of the energy show its
+    ``name``.
     """
 
     name: str

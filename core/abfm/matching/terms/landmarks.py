@@ -101,9 +101,10 @@ class Landmarks:
     def errors_along(self, mesh: TriangleMesh, velocity: FloatArray, tau: float) -> FloatArray:
         """Return the errors (L,) of the landmarks along flow lines of fields (N, 4^k F, 3).
 
-        They are infinite if flow lines cross too many faces. All residuals and reports use these
-        errors. The objective has slightly different ones, as its flow lines have differentiable
-        steps. ``mesh`` may be in another unit, which is then also the unit of the fields.
+        The errors are infinite if flow lines cross too many faces. All residuals and reports use
+        these errors. The objective has slightly different ones, as its flow lines have
+        differentiable steps. ``mesh`` may be in another unit, which is then also the unit of the
+        fields.
         """
         try:
             flow = ContinuousFlow(mesh, velocity, tau)

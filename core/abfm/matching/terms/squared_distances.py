@@ -114,9 +114,9 @@ def propagate(
 def unfolded_distance(a: float, b: float, side_a: float, side_b: float, edge: float) -> float:
     """Return the length of the straight line from the source to the third corner of a face.
 
-    It crosses the edge between the other corners, which has length ``edge``. These corners have
-    distances a and b to the source, and ``side_a`` and ``side_b`` to the third corner. The result
-    is infinite if no straight line crosses the edge.
+    The straight line crosses the edge between the other corners, which has length ``edge``. These
+    corners have distances a and b to the source, and ``side_a`` and ``side_b`` to the third corner.
+    The result is infinite if no straight line crosses the edge.
     """
     x = (a * a - b * b + edge * edge) / (2 * edge)
     depth = math.sqrt(max(a * a - x * x, 0.0))

@@ -33,7 +33,7 @@ class FileContents(NamedTuple):
 class Lists:
     """Vertices and polygons collected while a text file is read.
 
-    They need 24 bytes for each vertex, and 8 for each polygon and corner.
+    The lists need 24 bytes for each vertex, and 8 for each polygon and corner.
     """
 
     def __init__(self) -> None:

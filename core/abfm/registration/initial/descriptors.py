@@ -42,8 +42,8 @@ class Hints(NamedTuple):
 def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -> FloatArray:
     """Return the functional map (k, k) that transfers descriptors from A to B.
 
-    It nearly commutes with the Laplacian. Each of its rows solves a separate least-squares problem
-    [OBC*12, 5.2].
+    The functional map nearly commutes with the Laplacian. Each row solves a separate least-squares
+    problem [OBC*12, 5.2].
     """
     values = [unit_eigenbasis(mesh, k)[0] for mesh in (a, b)]
     kinds = [

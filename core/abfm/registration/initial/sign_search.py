@@ -32,8 +32,8 @@ _MAP_DISTANCE_MIN = 0.4  # distance over sqrt(size) below which functional maps 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:
     """Return at most ``most`` different functional maps, in the order of `Spectra.defect`.
 
-    Their size is `MAP_SIZE`, or the number of eigenfunctions if that is smaller. ``others`` are
-    additional starts of the search.
+    The size of the maps is `MAP_SIZE`, or the number of eigenfunctions if that is smaller.
+    ``others`` are additional starts of the search.
     """
     size = min(MAP_SIZE, len(spectra.values[0]))
     found = list(others)

@@ -73,8 +73,8 @@ def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
 def _cost(given: MapInput, found: Correspondence) -> float:
     """Return the cost of a map by functions and landmarks.
 
-    It is 1 minus the mean absolute correlation of the functions, plus `LANDMARK_WEIGHT` times the
-    mean error of the landmarks in sqrt(area).
+    The cost is 1 minus the mean absolute correlation of the functions, plus `LANDMARK_WEIGHT` times
+    the mean error of the landmarks in sqrt(area).
     """
     cost, pairs = 0.0, given.landmarks
     if pairs is not None:

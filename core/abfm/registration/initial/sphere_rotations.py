@@ -165,7 +165,7 @@ def rotation_by_landmarks(
 class _Level:
     """Functions of both spheres as means over cells.
 
-    Those of A are tables by latitude and longitude. The last table has the weights.
+    The functions of sphere A are tables by latitude and longitude. The last table has the weights.
     """
 
     def __init__(

@@ -11,9 +11,9 @@ def interpolate(
 ) -> FloatArray:
     """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
 
-    Both frames, (V,) or (V, C), are advected along the flow of the interval to each time. They are
-    then blended in proportion to their distance in time. ``motion`` interpolates between the linear
-    blend of the frames (0) and this blend of advected frames (1).
+    The frames ``before`` and ``after``, (V,) or (V, C), are advected along the flow of the interval
+    to each time. They are then blended in proportion to their distance in time. ``motion``
+    interpolates between the linear blend of the frames (0) and this blend of advected frames (1).
     """
     weights = shares.reshape(-1, *[1] * before.ndim)
     blend = (1 - weights) * before + weights * after

@@ -1,9 +1,9 @@
 """The field of one interval, whose flow maps one frame to the next, close to adjacent fields.
 
-It is found by Gauss-Newton. Energy and gradient are those of the discrete flow (Eq. 6), without
-approximation. The second derivative is that of the linear problem at the advected frame. Its system
-is solved by conjugate gradients, to the accuracy that a step needs [Nocedal & Wright 2006,
-algorithm 7.1]. The preconditioner is the exact inverse of the norm.
+The field is found by Gauss-Newton. Energy and gradient are those of the discrete flow (Eq. 6),
+without approximation. The second derivative is that of the linear problem at the advected frame.
+The linear system is solved by conjugate gradients, to the accuracy that a step needs [Nocedal &
+Wright 2006, algorithm 7.1]. The preconditioner is the exact inverse of the norm.
 """
 
 from __future__ import annotations

@@ -208,8 +208,8 @@ class SequenceSolver:
     def _correct(self, i: int, adjacent: Sequence[int] = ()) -> None:
         """Minimise an interval's energy with the advection defect of its field subtracted.
 
-        This is a defect correction [Stetter 1978]. The new field is accepted if it has less energy
-        by flow lines.
+        The method is a defect correction [Stetter 1978]. The new field is accepted if it has less
+        energy by flow lines.
         """
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
@@ -237,8 +237,8 @@ class SequenceSolver:
     def _coupling(self, i: int, j: int) -> float:
         """Return the weight of the difference between the fields of neighbouring intervals.
 
-        It is gamma times the shorter duration if both intervals are motions. A gap without motion
-        should not be as fast as its neighbours.
+        The weight is gamma times the shorter duration if both intervals are motions. A gap without
+        motion should not be as fast as its neighbours.
         """
         if self.is_uncoupled[i] or self.is_uncoupled[j]:
             return 0.0

@@ -21,7 +21,7 @@ _MEAN_SHARE_MIN = 0.1
 class Episode:
     """The time around an extremum of the energy.
 
-    It extends to the frames where the energy passes halfway to the adjacent extrema.
+    The episode extends to the frames where the energy passes halfway to the adjacent extrema.
     """
 
     kind: Literal["stable", "transient"]

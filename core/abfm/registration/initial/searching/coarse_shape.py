@@ -80,8 +80,8 @@ def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
 def ranks(values: FloatArray, areas: FloatArray) -> FloatArray:
     """Return the ranks of functions (V, C): the shares of the area on which they are smaller.
 
-    They are scaled to mean 0 and standard deviation 1 if all values differ. Equal values have equal
-    ranks.
+    The ranks are scaled to mean 0 and standard deviation 1 if all values differ. Equal values have
+    equal ranks.
     """
     found = np.empty(values.shape)
     for c, column in enumerate(values.T):
@@ -152,7 +152,7 @@ def _scaling(distances: FloatArray, areas: FloatArray) -> FloatArray:
 def _descriptors(mesh: TriangleMesh, areas: FloatArray) -> FloatArray:
     """Return the ranks of functions (V, 5) with the same meaning on surfaces of different people.
 
-    They are heat kernel signatures, the shape diameter and smoothed mean curvatures.
+    The functions are heat kernel signatures, the shape diameter and smoothed mean curvatures.
     """
     found = [HeatKernelSignature(time=time).evaluate(mesh) for time in _HEAT_TIMES]
     try:

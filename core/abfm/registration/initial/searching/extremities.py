@@ -88,7 +88,7 @@ def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
 def _rows(shape: CoarseShape, vertices: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return rows for the comparison of vertices of two surfaces.
 
-    They are distances (V, 2 L) and brackets (V, L (L - 1) / 2).
+    The rows are distances (V, 2 L) and brackets (V, L (L - 1) / 2).
     """
     distances = shape.distances[:, vertices]
     inverse = (distances + _DISTANCE_OFFSET) ** -2.0

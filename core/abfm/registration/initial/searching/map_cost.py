@@ -1,7 +1,7 @@
 """The cost of a map between two coarse surfaces, for the comparison of candidates.
 
-It is the sum of the Dirichlet energies in both directions, the dissimilarity of descriptors, and
-the commutator with the Laplacian.
+The cost is the sum of the Dirichlet energies in both directions, the dissimilarity of descriptors,
+and the commutator with the Laplacian.
 """
 
 from __future__ import annotations

@@ -258,7 +258,7 @@ def _similarity(
 ) -> FloatArray:
     """Return the similarity, 0 to 1, of the distributions of functions (V_A, C) and (V_B, C).
 
-    It decreases with the Wasserstein distance of the standardized values.
+    The similarity decreases with the Wasserstein distance of the standardized values.
     """
     # imported here, as it takes half a second to load
     from scipy.stats import wasserstein_distance
