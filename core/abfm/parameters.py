@@ -248,7 +248,8 @@ class Parameters(Settings):
     def stage_sigmas(self) -> list[float]:
         """Return the sigma of each cooling stage.
 
-        If ``cooling_stages`` is 0, the first sigma is at most `FIRST_SIGMA_MAX`.
+        If ``cooling_stages`` is 0, the number of stages follows from `FIRST_SIGMA_MAX`, the largest
+        first sigma.
         """
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         if not stages:
@@ -281,7 +282,7 @@ class Parameters(Settings):
     def with_values(self, **values: Any) -> Self:
         """Return a copy with other values of some parameters.
 
-        Names are those of `to_dict`, so nested parameters need no prefix.
+        The names of parameters are those in `to_dict`, so nested parameters need no prefix.
 
         Raises
         ------
@@ -303,7 +304,7 @@ class Parameters(Settings):
     def of(cls, **values: Any) -> Self:
         """Return parameters with some values given by name; the others have their defaults.
 
-        Names are those of `to_dict`.
+        The names of parameters are those in `to_dict`.
         """
         return cls().with_values(**values)
 

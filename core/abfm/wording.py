@@ -25,7 +25,7 @@ def sentence(text: str) -> str:
 def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
     """Return a number with its noun: ``1 iteration``, ``2 iterations``.
 
-    A plural without a final s, or a phrase with a verb, is the third argument.
+    ``plural`` is a plural without a final s, or a phrase with a verb.
     """
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 

@@ -166,7 +166,7 @@ def _barycentre(
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
     """Return the smallest power of a density, from 1 on, with at most the entropy ``bound``.
 
-    This is algorithm 3.
+    The method is algorithm 3 of Solomon et al. (2015).
     """
 
     def power(exponent: float) -> FloatArray:

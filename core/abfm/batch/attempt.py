@@ -44,7 +44,7 @@ class Computation(Protocol):
 class WorkItem:
     """A row to solve and the folder for its result, or a computation.
 
-    The text in the file ``identity`` of the folder identifies it.
+    A worker recognises the folder by the text in its file ``identity``.
     """
 
     row: Row | Computation

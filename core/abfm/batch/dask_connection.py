@@ -72,7 +72,8 @@ class DaskConnection:
     def watched(self) -> Iterator[Callable[[], bool]]:
         """Yield a function that returns whether the scheduler answers.
 
-        Call the function repeatedly. It reports a step while the cluster has no workers.
+        The caller calls the function repeatedly. While the cluster has no workers, a call reports a
+        step.
         """
         checked, is_reported = 0.0, False
         with ExitStack() as reported:
@@ -151,7 +152,7 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
 def _check_versions(client: Any) -> None:
     """Raise an error for a cluster with another version of abfm, or without abfm.
 
-    Workers without abfm would end.
+    On a cluster without abfm, the workers would end.
     """
     here, found = installed_version(), dict[str, Any]()
     try:

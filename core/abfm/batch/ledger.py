@@ -1,6 +1,6 @@
 """Ledger of a batch: the state of each row, in a folder.
 
-Files are written completely or not at all, so an interrupted batch can always be resumed.
+Each file is written completely or not at all, so an interrupted batch can always be resumed.
 """
 
 from __future__ import annotations

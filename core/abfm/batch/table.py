@@ -150,7 +150,7 @@ def combinations(
 ) -> list[Row]:
     """Return a row for each combination of values of options; the last option varies fastest.
 
-    Each row is named by its values.
+    The values of the options are the name of a row.
 
     Parameters
     ----------

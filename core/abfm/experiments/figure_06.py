@@ -171,7 +171,7 @@ def on_torus(n: int, around_tube: bool) -> Case:
 def on_any(mesh: TriangleMesh, name: str) -> Case:
     """Return two rotated gradients at the highest speed for which the pushforward is stable.
 
-    The pushforward may be unstable on thin and folded faces.
+    The pushforward of a field may be unstable on thin and folded faces.
     """
     stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
     for speed in _SPEEDS:

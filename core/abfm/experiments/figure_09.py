@@ -37,7 +37,7 @@ _DRIFT_MAX = 0.05
 def figure_9(setup: FigureSetup) -> Script:
     """Match coordinates to their rotation, also by one function and without cooling.
 
-    On the default mesh, a mirror is matched as well.
+    On the default mesh, a function is also matched to its mirror image.
     """
     mesh, name = setup.surface("two arms", two_armed, 3 if setup.small else 4)
     # Rotations to the left and to the right fit equally well at first. Without cooling to the
@@ -137,7 +137,7 @@ def figure_10(setup: FigureSetup) -> Script:
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
     """Return the rotation by 180 degrees of a mesh, or else its mirror plane.
 
-    MeshError if the mesh has neither.
+    MeshError if the mesh has neither symmetry.
     """
     errors, found = {}, None
     for kind in reversed(maps.KINDS):

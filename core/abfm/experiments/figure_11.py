@@ -364,8 +364,8 @@ def requests_on(
 ) -> list[RequestedMatch]:
     """Return the matches to compare: one function, three functions, and truncated functions.
 
-    In the last two matches (`_INITIAL_MAPS`) sources are truncated in the same way as targets, so
-    that a correct initial map needs no correction.
+    In the last two matches (`_INITIAL_MAPS`) sources and targets are truncated to the same
+    eigenfunctions. A correct initial map then needs no correction.
     """
     b, p, target, longest = poses.b, problem.parameters, problem.target, by_extent(poses.a)[:1]
     one_function = Problem(b, problem.source[:, longest], target[:, longest], p)

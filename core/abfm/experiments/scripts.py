@@ -297,7 +297,7 @@ def advection_example(flow: Flow, name: str, source: str, target: str) -> Exampl
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
     """Return a number of iterations from 60 to ``iterations_max`` that takes about 30 seconds.
 
-    The time is that for three functions.
+    The time is for a match of three functions.
     """
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 

@@ -44,7 +44,7 @@ Face: TypeAlias = int | np.int64
 class ContinuousFlow:
     """The flow of a field made continuous, or of N consecutive fields, each for ``tau / N``.
 
-    At the boundary a point continues along it with the tangential part of the field.
+    A point at the boundary moves along the boundary with the tangential part of the field.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class ContinuousFlow:
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
         """Return a field made continuous, at corners (F, 3) and for flow lines.
 
-        The latest one is cached.
+        The latest continuous field is cached.
         """
         cached = self._cache
         if cached is None or cached[0] != j:
@@ -161,7 +161,7 @@ class ContinuousFlow:
 class SmoothFlow(NamedTuple):
     """A continuous field, prepared for flow lines; places are in face frames.
 
-    The origin of a frame is corner 0.
+    The origin of the frame of a face is its corner 0.
     """
 
     vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y

@@ -25,7 +25,7 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
     """Return a field (F, 3), made continuous, at corners, (F, 3).
 
-    The corners of faces in which the field is 0 have the value 0.
+    In faces where the field is 0, the corners have the value 0.
     """
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))

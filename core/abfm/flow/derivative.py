@@ -125,8 +125,8 @@ def _pattern(
 ) -> DerivativePattern:
     """Return a pattern, from the cluster of each vertex (V,).
 
-    The edges are those between clusters, and ``face_edges`` (F, 3) are the edges opposite the
-    corners.
+    ``edges`` connect clusters, and ``face_edges`` (F, 3) are the edges opposite the corners of
+    faces.
     """
     count = int(clusters.max()) + 1
     ends = np.concatenate([edges, edges[:, ::-1]])

@@ -100,7 +100,7 @@ class Workspace:
     def terms(self) -> FloatArray:
         """Rows of stored terms, (capacity and two blocks, size).
 
-        A flow that only advects functions does not use them.
+        A flow that only advects functions does not store terms.
         """
         return np.empty((self.capacity + 2 * self.block, self.size))
 

@@ -116,7 +116,7 @@ class FlowLineDerivative:
     def jacobian(self, walk: Walk) -> sparse.csr_array:
         """Return the derivative of the end points of a walk by the fields, (2 L, N F 2).
 
-        The end points are in the frames of their faces.
+        Coordinates of the end points refer to the frames of their faces.
         """
         rows, zeros = [], np.zeros((len(self.points.faces), 2))
         for row in range(zeros.size):
@@ -149,7 +149,7 @@ class _Fans:
     def turn_downstream(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
         """Move points at vertices to the faces that corner vectors lead into.
 
-        See `downstream_slots`.
+        `downstream_slots` returns these faces for all vertices.
         """
         off = angular_offsets(vectors.ravel()[self._slots], self._middles, self._angles)
         order = np.argsort(-off, kind="stable")

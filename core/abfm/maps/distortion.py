@@ -260,7 +260,7 @@ def stretches_by_parts(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the share of flipped parts of S faces, (S,), and mean stretches of the parts, (S, 2).
 
-    Each face is divided into 64 parts, and the means are geometric.
+    Each face is divided into 64 parts, whose stretches have a geometric mean.
     """
     weights, parts = _grid(_PARTS)
     weights = (1 - _INWARD_SHARE) * weights + _INWARD_SHARE / 3
@@ -289,7 +289,7 @@ def _areas(corners: FloatArray) -> FloatArray:
 def _grid(n: int) -> tuple[FloatArray, IntArray]:
     """Return the barycentric weights of a grid with n steps a side, and its n^2 triangles.
 
-    The corners of all triangles are in the order of the face.
+    The corners of every triangle have the same order as those of the face.
     """
     steps = np.indices((n + 1, n + 1)).reshape(2, -1)
     second, third = steps[:, steps.sum(axis=0) <= n]

@@ -116,7 +116,7 @@ class PointMap:
     def at(self, points: SurfacePoints) -> SurfacePoints:
         """Return the images of points of the domain.
 
-        Without an interior map they are interpolated between the images of corners and projected
+        Without an interior map, images are interpolated between the images of corners and projected
         onto the codomain.
         """
         if self.interior_map is None:
@@ -183,8 +183,8 @@ class PointMap:
     def distortion(self) -> Distortion:
         """Measure the distortion of each face of the domain.
 
-        Without an interior map it is measured by the images of corners, see `chord_distortion`.
-        Otherwise faces for which the corners mislead are measured in parts, see
+        Without an interior map, the distortion is measured by the images of corners, see
+        `chord_distortion`. Otherwise faces for which the corners mislead are measured in parts, see
         ``abfm.maps.distortion.distortion_of_flow``.
         """
         if self.interior_map is None:

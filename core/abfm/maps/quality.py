@@ -182,8 +182,8 @@ def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
 class FlowMapQuality:
     """Distortion of the map of a flow, and the error of its round trip.
 
-    Points do not return if the field compresses many of them into a region that rounding does not
-    resolve.
+    Points do not return to their start if the field compresses many of them into a region that
+    rounding does not resolve.
     """
 
     distortion: Distortion

@@ -199,7 +199,7 @@ def _insert_vertices(
 ) -> bool:
     """Insert vertices in reverse order, with a few steps of each vertex and its neighbours.
 
-    Return whether a position was found for all.
+    Return whether a position was found for all vertices.
     """
     surface = state.surface
     around = np.empty_like(workspace.star)

@@ -220,7 +220,7 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
 def side_volumes(layout: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
     """Compute the signed volumes (3,) between a point and each side of a face.
 
-    The volumes are the barycentric weights of the point, up to a factor.
+    The signed volumes are the barycentric weights of the point, up to a factor.
     """
     for k in range(3):
         i, j = layout.corners[face, (k + 1) % 3], layout.corners[face, (k + 2) % 3]

@@ -48,7 +48,8 @@ def normalize(a: FloatArray) -> None:
 def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Return six times the signed volume of the tetrahedron of a face and the sphere's centre.
 
-    For a small face on the unit sphere it is twice the area. It is negative for a flipped face.
+    For a small face on the unit sphere, the result is twice its area; for a flipped face, it is
+    negative.
     """
     return scalar(a, cross(difference(b, a), difference(c, a)))
 

@@ -244,7 +244,7 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Refine axes (K, 3) and points on them (K, 3); return both and the distances (K,).
 
-    The distances are the largest ones of the images from the surface.
+    A distance is the largest one of an image of a point from the surface.
     """
     for remaining in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
         moved = _apply(group.linear(axes), centres[:, None], points)
@@ -267,7 +267,7 @@ def _verified(
 ) -> Symmetry:
     """Return a symmetry tested on all vertices.
 
-    The axis and a point on it are in units of the surface of unit area.
+    ``axis`` and ``centre``, a point on the axis, refer to the surface scaled to unit area.
     """
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)

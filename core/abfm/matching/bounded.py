@@ -53,7 +53,8 @@ def limit_distortion(
     Within the bound, no face is folded. In addition, ``|log2 J|`` of areas and ``|log2 R|`` of
     shapes are at most ``max_distortion`` on 99% of the faces.
 
-    If the given match is within the bound, it is the result. Otherwise the candidates are:
+    If the given match is within the bound, it is the result. Otherwise the result is one of these
+    candidates:
 
     - the field without motion,
     - the steps of the path,
@@ -160,7 +161,7 @@ class _Search:
     def _distortion(self, match: Match) -> float:
         """Return the distortion that 99% of the faces do not exceed.
 
-        Infinity if a face is folded.
+        The result is infinite if a face is folded.
         """
         bound = self._measure(match).bound(self._max_distortion)
         return math.inf if bound.folded else bound.largest

@@ -250,7 +250,8 @@ class Problem:
     def with_known_values(self, mask: FloatArray | None) -> Problem:
         """Return a copy with a mask (V,) that keeps the values of masked vertices.
 
-        The functions have to be known there. A mask of `Problem` would replace them.
+        The functions have to be known at masked vertices. The argument ``mask`` of `Problem` would
+        replace their values.
         """
         term = self.functions
         return self._with_functions(term.with_values(term.mesh, term.source, term.target, mask))

@@ -271,7 +271,7 @@ class Match(Display):
     def reverified(self) -> Match:
         """Return the match after verifying its numbers by advecting the source once.
 
-        If they disagree with the field, they are recomputed, and ``load_warning`` states why.
+        Numbers that disagree with the field are recomputed, and ``load_warning`` states why.
         """
         problem = self.problem.refined(self.refined)
         try:

@@ -50,7 +50,8 @@ def within_range(functions: FunctionTerm) -> FloatArray:
 def range_bound(functions: FunctionTerm) -> float:
     """Return the least residual of any flow; 0 if the source has all values of the target.
 
-    Everywhere, ``|f_tau - g| >= |clip(g, min f, max f) - g|``.
+    At every vertex, ``|f_tau - g| >= |clip(g, min f, max f) - g|`` for the advected source
+    ``f_tau``.
     """
     return functions.residual(within_range(functions))
 
@@ -141,7 +142,7 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
 def narrowest(functions: FunctionTerm) -> float:
     """Return the smaller `resolution` of source and target, and of channels with a weight above 0.
 
-    The target is considered only where the mask is above 0.
+    Features of the target count only where the mask is above 0.
     """
     mesh, weighted, known = functions.mesh, functions.weights > 0, functions.areas > 0
     sources = [_of_channel(mesh, f) for f in functions.source[weighted]]
@@ -322,8 +323,8 @@ def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Dif
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
     """Return the first channel with features that no flow can match, and these features of f and g.
 
-    None if neither `extrema_difference` nor `boundary_difference` finds any, or if a vertex is
-    masked, since the mask may hide the difference.
+    The result is None if neither `extrema_difference` nor `boundary_difference` finds a difference,
+    or if a vertex is masked, since the mask may hide the difference.
     """
     if (functions.areas > 0).all():
         for channel in _weighted_channels(functions):

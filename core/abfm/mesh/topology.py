@@ -55,7 +55,7 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 def next_corner(slots: IntArray) -> IntArray:
     """Return the slots of the next corners of the same faces.
 
-    There, the edges of the slots start.
+    The edge of a slot starts at the next corner.
     """
     return slots - slots % 3 + (slots + 1) % 3
 

@@ -263,7 +263,7 @@ class TriangleMesh(Display):
     def boundary_loops(self) -> tuple[IntArray, ...]:
         """The vertices of each closed loop of the boundary.
 
-        Loops that touch at a pinched vertex are separate.
+        Boundary loops that touch at a pinched vertex are separate.
         """
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
         ends = self.corner_fans.ravel()[np.stack([start, next_corner(start)], axis=1)]
@@ -274,7 +274,7 @@ class TriangleMesh(Display):
     def genus(self) -> int:
         """The number of handles: ``V - E + F = 2 - 2 genus - loops``.
 
-        The surface is cut at its pinched vertices first.
+        Before counting, the surface is cut at its pinched vertices.
         """
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * (self.parts.max() + 1) - len(self.boundary_loops) - characteristic) // 2

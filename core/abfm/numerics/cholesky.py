@@ -66,7 +66,7 @@ class _Factor:
     """A factorisation by cholespy.
 
     A factorisation that outlives the interpreter, in a global variable or a thread, is reported on
-    stderr as a memory leak. All are therefore released when Python ends.
+    stderr as a memory leak. All factorisations are therefore released when Python ends.
     """
 
     _alive: ClassVar[weakref.WeakSet[_Factor]] = weakref.WeakSet()

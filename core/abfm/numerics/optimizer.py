@@ -187,7 +187,8 @@ class LBFGS(Generic[Point]):
     def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
         """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``.
 
-        The norm is NaN, rather than small, if rounding makes the product negative.
+        If rounding makes the product ``<g, H_0 g>`` negative, the norm is NaN instead of a small
+        number.
         """
         found = self.precondition(gradient) if self.precondition else gradient
         square = _inner(gradient, found)

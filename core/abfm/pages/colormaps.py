@@ -1,7 +1,7 @@
 """Colour maps for lit surfaces, suitable for printing and colour-blind readers.
 
-A neutral value is light grey, or dark grey on dark backgrounds. Lightness changes monotonically
-away from it.
+A neutral value is light grey, or dark grey on dark backgrounds. The lightness changes monotonically
+with the distance from the neutral value.
 """
 
 from dataclasses import dataclass

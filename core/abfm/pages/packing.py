@@ -54,7 +54,7 @@ def quantized(values: ArrayLike) -> Quantized:
 def quantized_points(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
     """Return points (N, 3) in steps along their bounding box, its lowest corner, and the steps.
 
-    The points are recovered within half a step.
+    Points recovered from these integers differ by at most half a step.
     """
     low = points.min(axis=0)
     steps = np.ptp(points, axis=0) / _COORDINATE_LEVELS

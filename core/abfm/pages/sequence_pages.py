@@ -141,7 +141,7 @@ def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ())
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
     """Return a layer with symmetric colours, which a few extreme values do not change.
 
-    The values may be subsampled in time.
+    The values of the layer may be subsampled in time.
     """
     stride = -(-values.size // int(share * PART_VALUES_MAX))
     shown, bound = values[::stride], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0

@@ -148,7 +148,7 @@ class Population(Display):
     def correlation(self) -> FloatArray:
         """Correlation of each subject with the mean of the other included subjects, (N,).
 
-        Averaged with weights over the channels that were used for registration.
+        The correlation is a weighted mean over the channels that were used for registration.
         """
         return self._number("correlation")
 
@@ -169,7 +169,7 @@ class Population(Display):
     def folded(self) -> FloatArray:
         """Fraction of the faces, 0 to 1, that the flow of each registration folds, (N,).
 
-        NaN if unknown.
+        The fraction is NaN if it is unknown.
         """
         return self._number("folded")
 
@@ -270,7 +270,8 @@ class Population(Display):
     def phase_and_amplitude(self, channel: str | int = 0) -> Phase:
         """Split the variance over included subjects into phase (position) and amplitude (value).
 
-        Computed at the midpoints of edges, see ``abfm.population.statistics.phase_and_amplitude``.
+        The split is computed at the midpoints of edges, see
+        ``abfm.population.statistics.phase_and_amplitude``.
         """
         return Phase(*self.phases[self._channel(channel)].tolist())
 
@@ -334,7 +335,7 @@ class Population(Display):
 def load_population(path: str | os.PathLike[str]) -> Population:
     """Load a file of `abfm.Population.save`, or the one in a folder of results.
 
-    The values and masks of the subjects are mapped from the file.
+    The values and masks of the subjects stay in the file and are memory-mapped.
 
     Raises
     ------

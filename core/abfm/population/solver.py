@@ -403,10 +403,10 @@ class PopulationSolver:
         return np.array(channel_means)
 
     def phases(self, entries: Sequence[LedgerEntry], found: RoundResult) -> FloatArray:
-        """Return the parts of the variance of each channel, (C, 4), at the midpoints of edges.
+        """Return the parts of the variance of each channel, (C, 4), at midpoints of edges.
 
-        There, values are means of two vertices before registration, and of two or three after it.
-        Noise is therefore smoothed in the same way.
+        At the midpoints, values are means of two vertices before registration, and of two or three
+        after it. Noise is therefore smoothed in the same way.
         """
         ends = self.template.edges
         areas = edge_areas(self.template) * self.mask[ends].mean(axis=1)

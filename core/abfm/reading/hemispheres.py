@@ -38,7 +38,7 @@ def _side(word: str) -> str | None:
 def named_side(path: str | os.PathLike[str]) -> str | None:
     """Return the `hemisphere` in the name of a brain imaging file; None for other files.
 
-    In their names ``left`` may refer to a hand.
+    In the names of other files, ``left`` may refer to a hand.
     """
     name = os.path.basename(path).lower()
     words = [word.rpartition("-") for word in re.split(r"[._]", name)]

@@ -135,7 +135,7 @@ def checkpoints_of(result: Path) -> list[Path]:
 def remove_checkpoints(result: Path) -> None:
     """Remove the checkpoints next to a saved result.
 
-    A run that was killed before it could remove its checkpoint leaves one.
+    A run that was killed may have left a checkpoint.
     """
     for path in checkpoints_of(result):
         with suppress(OSError):

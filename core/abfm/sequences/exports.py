@@ -135,7 +135,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 def _listed_frames(path: Path) -> set[str]:
     """Return the names of the frames in its folder that an earlier export lists in the .pvd.
 
-    The set is empty if the file is missing or cannot be read.
+    The set is empty if the .pvd file is missing or cannot be read.
     """
     pattern = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
     with suppress(OSError, ValueError):

@@ -80,7 +80,7 @@ def explains_too_little(functions: FunctionTerm, levels: FloatArray, residual: f
 def is_flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
     """Return where functions (..., V) equal the mean of their neighbours, (..., V).
 
-    Noise never does, but values that replace missing ones do.
+    Noisy values never equal that mean, but values that replace missing ones do.
     """
     sizes = np.abs(functions).max(axis=-1, keepdims=True)
     return np.asarray(_neighbour_deviations(mesh, functions) <= _ROUNDING * sizes)

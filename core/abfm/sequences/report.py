@@ -101,8 +101,8 @@ def _speeds(sequence: Sequence) -> FloatArray:
 def _steep(sequence: Sequence) -> BoolArray:
     """Return the faces on which the first frame of each solved interval is steep, (S, F).
 
-    There its gradient exceeds its root mean square. On other faces, smoothness determines the
-    field.
+    On steep faces, the gradient of the frame exceeds its root mean square. On other faces,
+    smoothness determines the field.
     """
     mesh = sequence.mesh
     areas, derive = face_areas(mesh), gradient(mesh)

@@ -188,7 +188,7 @@ class Sequence(Solution, Display):
     def parts(self, interval: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Split the field of an interval into a gradient, a rotated gradient and a harmonic field.
 
-        Each is (F, 3), see `abfm.calculus.helmholtz_hodge`.
+        Each of the three fields is (F, 3), see `abfm.calculus.helmholtz_hodge`.
         """
         return helmholtz_hodge(self.mesh, self.velocity[interval])
 
@@ -258,7 +258,7 @@ class Sequence(Solution, Display):
     def episodes(self) -> list[Episode]:
         """Return stable episodes, with a slow field, and transient ones, with a fast field.
 
-        Only solved intervals count.
+        Intervals that are not solved are ignored.
         """
         solved, found = self.solved, list[Episode]()
         for run in np.split(np.arange(len(self)), np.flatnonzero(np.diff(solved)) + 1):

@@ -161,7 +161,7 @@ class Streamlines(NamedTuple):
 class Track(NamedTuple):
     """Noise and texels along a streamline, ``n`` steps of ``m`` parts in each direction.
 
-    The arrays begin at the backward end; the start of the streamline is in their middle.
+    The arrays begin at the backward end of the streamline; its start is in their middle.
     """
 
     noise: FloatArray  # (2 n,), mean over each step
@@ -402,7 +402,7 @@ def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
 def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
     """Compute the barycentric weights of the centre of a texel.
 
-    Return whether it is in its face.
+    Return whether the centre is in the face of the texel.
     """
     f = lines.owners[texel]
     corners = lines.corners[f]
@@ -437,7 +437,7 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
     """Move a place near face ``f`` into the face behind an edge, or to the edge.
 
-    Return the face.
+    Return the face of the moved place.
     """
     c, flow = 0, lines.flow
     for i in range(1, 3):

@@ -154,7 +154,7 @@ def halve_rectangles(
 ) -> None:
     """Assign the texels of rectangles to two owners (n, 2), below and above the diagonal.
 
-    The diagonal falls from left to right.
+    The diagonal of a rectangle falls from left to right.
     """
     for i in range(sides.shape[0]):
         w, h = sides[i, 0], sides[i, 1]

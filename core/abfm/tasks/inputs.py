@@ -208,9 +208,9 @@ def _circular(text: str) -> bool | float:
 
 @lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the specification of a function from a specification or a file name.
+    """Return the specification of a function that a text or a file name describes.
 
-    FunctionError if the text is neither a specification nor the name of a file.
+    FunctionError if the text is neither a specification nor a file name.
     """
     try:
         parse(text)

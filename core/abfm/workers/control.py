@@ -51,7 +51,8 @@ class Control:
     def cancel(self, skip_checks: bool = False) -> None:
         """Stop the work; `match` returns its best iterate with the stop reason "cancelled".
 
-        If the caller continues from the result, ``skip_checks`` saves the time of verifying it.
+        With ``skip_checks`` the result is not verified, which saves time if the caller continues
+        from it.
         """
         with self._lock:
             self.cancelled, self.skip_checks = True, skip_checks

@@ -411,8 +411,8 @@ class _Case:
     def _more_consistent(self) -> list[Remedy]:
         """Return remedies that let flow lines confirm a match.
 
-        No remedy undoes another: meshes get finer, fields smoother up to the default, and sigma
-        smaller.
+        No remedy undoes another one: remedies make meshes finer, fields smoother (up to the
+        default), and sigma smaller.
         """
         return [
             found

@@ -38,7 +38,8 @@ _MASS_SHARE_MIN = 1e-13
 class Regularizer:
     """The norm ``R = G_F D_alpha^order`` on coefficients (F, 2), and its inverse.
 
-    The paper has order 1 and ``divergence`` 1, its weight relative to the curl.
+    The norm of the paper has order 1. Its weight ``divergence`` of the divergence relative to the
+    curl is 1.
     """
 
     def __init__(

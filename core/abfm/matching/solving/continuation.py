@@ -429,7 +429,7 @@ def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
 def _refinement(state: State) -> State:
     """Plan the result on the midpoint subdivision, if it may reach the goal there.
 
-    The matrix products on all finer meshes are limited.
+    The number of matrix products on all finer meshes together is limited.
     """
     done = replace(state, phase=Phase.DONE)
     is_requested = state.energy.parameters.refine is not None

@@ -247,7 +247,7 @@ def search_of(
     """Return the search of a stage; ``count`` is called at each evaluation.
 
     If functions and landmarks are matched together, the curvature of the landmarks preconditions
-    the search. It is that at the fields ``at`` (N, F, 2), if these are given.
+    the search. The curvature is that at the fields ``at`` (N, F, 2), if these are given.
     """
     p = energy.parameters
     objective = energy.objective(

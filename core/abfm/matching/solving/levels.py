@@ -303,7 +303,7 @@ def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
     """Make the coarser meshes of a match in advance.
 
-    A match in another thread waits for them.
+    A match in another thread waits until these meshes are made.
     """
     fine = mesh.normalized()
     with step("making coarser meshes", len(fine.vertices)):

@@ -70,7 +70,7 @@ class View(Protocol):
 class Score(NamedTuple):
     """The score of a step by held-out patches (see `abfm.matching.solving.held_out`).
 
-    NaN without them.
+    The scores are NaN if no patches were held out.
     """
 
     value: float = math.nan  # smaller is better

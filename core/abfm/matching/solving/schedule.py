@@ -46,7 +46,7 @@ class Stage:
     def continues(self, before: "Stage") -> bool:
         """Return whether the curvature of the stage before is still valid.
 
-        If a stage has a fixed number of iterations, it is valid only for the same sigma.
+        If a stage has a fixed number of iterations, the curvature is valid only for the same sigma.
         """
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
@@ -77,7 +77,7 @@ def falls(
 ) -> bool:
     """Return whether values fell by a share within the last iterations.
 
-    True if there are fewer values.
+    The result is True if there are fewer values than ``within``.
     """
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
@@ -119,8 +119,8 @@ class Schedule:
         order. Fields of that norm follow small scales anyway: a third of alpha was not better on 21
         of 22 problems.
 
-        Other functions have a second variant with two consecutive fields. The flow of one field
-        preserves values at its zeros, whereas the flow of two fields does not.
+        Functions that are not measured have a second variant with two consecutive fields. The flow
+        of one field preserves values at its zeros, whereas the flow of two fields does not.
         """
         p, first = self._p, Variant(self._p.alpha, fields)
         if self.is_fixed or not p.solver.reach:

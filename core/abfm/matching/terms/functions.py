@@ -145,7 +145,7 @@ class FunctionTerm:
     def _varying(self, functions: FloatArray) -> float:
         """Return the L2 norm of channels (C, V) minus their means.
 
-        0 if only rounding errors remain.
+        The result is 0 if only rounding errors remain.
         """
         deviation = self.deviation(functions)
         return deviation if deviation > CONSTANT_SHARE * self.norm(functions) else 0.0
@@ -265,7 +265,7 @@ class SmoothedNorm:
 class _Mismatch:
     """The energy ``sum_c w_c <d_c, M d_c> / (2 sigma^2)`` with ``d = f_tau - g``.
 
-    Sigma is multiplied by ``unit``.
+    The argument sigma is multiplied by ``unit``.
     """
 
     functions: FunctionTerm

@@ -141,7 +141,7 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
 def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntArray) -> IntArray:
     """Replace wrong fans in ``faces`` by ear clipping; return the polygons that intersect.
 
-    Polygons are processed in chunks, so that little memory is needed.
+    The function processes polygons in chunks, which needs little memory.
     """
     ends = np.cumsum(sizes)
     first, work, crossing = 0, 0.0, [np.zeros(0, dtype=np.int64)]

@@ -108,8 +108,8 @@ def align(
     other one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much
     as all pairs together. Points are spread by area, so the triangulation has no influence.
 
-    The result has the smallest RMS distance. The one from the given positions is preferred if its
-    RMS distance is at most 10% larger.
+    The result has the smallest RMS distance. The motion from the given positions is preferred if
+    its RMS distance is at most 10% larger.
     """
     if kind not in KINDS:
         raise ParameterError(

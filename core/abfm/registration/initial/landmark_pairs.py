@@ -289,7 +289,7 @@ class _Columns(NamedTuple):
 def by_surface(names: list[str], places: list[int]) -> list[int]:
     """Return columns sorted by surface (A, B) if their names contain it, else in the given order.
 
-    Six columns also need an axis in each name. Examples are ``target`` and ``x_b``.
+    For six columns, each name also has to contain an axis. Examples are ``target`` and ``x_b``.
     """
     found = {}
     for k in places:

@@ -51,7 +51,8 @@ class SphereRotation(NamedTuple):
 class SphereFunctions:
     """Functions on a surface that is laid out on the unit sphere.
 
-    ``functions`` is (C, V). ``weights`` (V,) are weights of the vertices, not negative.
+    ``functions`` (C, V) have values at the vertices, and ``weights`` (V,) are nonnegative weights
+    of the vertices.
     """
 
     layout: SphereLayout
@@ -151,8 +152,8 @@ def rotation_by_landmarks(
 ) -> SphereRotation | None:
     """Return the rotation of sphere A that brings its landmarks closest to those of B.
 
-    None if the landmarks do not determine it, because all are near one point of a sphere or near
-    two opposite points.
+    The result is None if all landmarks are near one point of a sphere or near two opposite points,
+    which does not determine a rotation.
     """
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
     for directions in (here, there):

@@ -95,7 +95,7 @@ class _Evidence(NamedTuple):
 def _middles(solver: SequenceSolver) -> list[int]:
     """Return the frames to hold out: those whose neighbours differ about as much as the median.
 
-    If most intervals are motions, only frames between two of these are candidates.
+    If most intervals are motions, only frames between two such intervals are candidates.
     """
     is_uncoupled, frames = solver.is_uncoupled, solver.frames
     if 2 * np.count_nonzero(is_uncoupled) >= len(is_uncoupled):

@@ -50,7 +50,8 @@ def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> 
 def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) -> FramesFile:
     """Return frames (T, V) or (T, V, C) as real numbers; any axis may be the vertices.
 
-    If several axes fit, the second is used, or the first unless ``frames_first``.
+    If several axes have the size of the vertices, the second one is used; if ``frames_first`` is
+    False, the first one.
     """
     given, times, notes = found.values, found.times, [*found.notes]
     if given.ndim not in (2, 3) or given.size == 0:

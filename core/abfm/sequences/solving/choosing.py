@@ -120,7 +120,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
 class _HeldOut:
     """Residuals of held-out patches with a norm, by sigma, on a few intervals.
 
-    If sigma is given, only the residual of that sigma counts.
+    If the parameters have a sigma, only the residual of that sigma counts.
     """
 
     def __init__(
@@ -207,7 +207,7 @@ class _HeldOut:
     def _improve(self, at: int, direction: int) -> bool:
         """Try smaller sigmas (1) or larger ones (-1) while the residual falls.
 
-        Return whether it fell.
+        Return whether the residual fell.
         """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):
@@ -284,7 +284,7 @@ def long_range_field(energy: MatchingEnergy) -> FloatArray:
 def change_rates(frames: Frames) -> FloatArray:
     """Return the weighted rate of change of the frames in each interval, (T - 1,).
 
-    The weights are areas, mask and channel weights.
+    The rates are weighted by areas, mask and channel weights.
     """
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))

@@ -95,7 +95,7 @@ class Interval:
     def minimise(self, sigma: float, field: FloatArray, steps: int = _STEPS_MAX) -> FieldPoint:
         """Minimise with a sigma from a field (F, 2); stop if a step gains little.
 
-        At most ``steps`` steps are made; 0 only evaluates the field.
+        At most ``steps`` steps are made; with 0 steps the field is only evaluated.
         """
         objective = self._objective(sigma)
         point = self._evaluated(objective, field)

@@ -65,7 +65,7 @@ def map_by_vertices(
 ) -> IntArray:
     """Return a vertex of A for each vertex of B, by the distances to matched vertices (L,).
 
-    ``side`` is 1, or -1 for a map onto the mirror image.
+    ``side`` is 1 for a map onto A, and -1 for a map onto the mirror image of A.
     """
     rows = [_rows(shape, vertices) for shape, vertices in ((a, on_a), (b, on_b))]
     (distances_a, brackets_a), (distances_b, brackets_b) = rows

@@ -58,8 +58,8 @@ def map_cost(
 def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
     """Return the reversible harmonic energy of a map.
 
-    For each direction it adds the Dirichlet energy, relative to that of the identity map, and the
-    weighted mean squared round-trip distance.
+    For each direction the energy adds the Dirichlet energy, relative to that of the identity map,
+    and the weighted mean squared round-trip distance.
     """
 
     def one_direction(

@@ -479,7 +479,7 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
     """Return the most accurate of the candidates that are equivalent to the best one.
 
-    A candidate of two congruent surfaces comes first, then one by eigenfunctions.
+    A candidate by the alignment of congruent surfaces comes first, then one by eigenfunctions.
     """
     best = tried[0]
     equivalent = [
