@@ -33,7 +33,7 @@ class Display:
         Returns
         -------
         Path
-            The HTML file. If no browser is available, the path is also printed.
+            The HTML file. If no browser is available, its path is also printed.
 
         Raises
         ------

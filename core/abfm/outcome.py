@@ -103,7 +103,7 @@ class Facts:
     numbers : mapping of str to float or None
         Measurements by name; None if unknown.
     warnings : tuple of str
-        One line each.
+        Warnings about the result, one line each.
     is_complete : bool
         False if the run was interrupted (cancelled, or out of memory) or was never solved.
     """

@@ -107,9 +107,10 @@ def optimal_transport(
     blur : float
         Standard deviation of the `HeatKernel`, as a fraction of sqrt(area).
     steps : int
-        Implicit Euler steps of the heat flow.
+        Number of implicit Euler steps of the heat flow.
     sharpen : bool
-        Keep the entropy of the interpolation below the larger one of f and g (algorithm 3).
+        Whether to keep the entropy of the interpolation below the larger one of f and g (algorithm
+        3).
 
     Returns
     -------

@@ -22,12 +22,13 @@ class Cluster:
     Parameters
     ----------
     jobs : int, optional
-        Number of processes on this machine. By default one for each core that this process may use.
+        Number of processes on this machine. The default is one process for each core that this
+        process may use.
     scheduler : str, optional
         Address of the scheduler of a Dask cluster, such as ``tcp://10.0.0.1:8786``.
     scheduler_file : path, optional
-        File to which the scheduler wrote its address. A cluster needs ``dask.distributed``, the
-        extra ``cluster``.
+        File to which the scheduler wrote its address. A Dask cluster needs ``dask.distributed``,
+        which ``pip install 'abfm[cluster]'`` installs.
 
     Raises
     ------

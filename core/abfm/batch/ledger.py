@@ -107,7 +107,7 @@ class Ledger:
     Parameters
     ----------
     folder : path
-        The first write creates it.
+        Folder of the batch; the first write creates it.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:

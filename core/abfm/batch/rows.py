@@ -47,8 +47,8 @@ class Row:
         Folder of relative paths; by default the current folder. If it is empty, paths stay
         unchanged.
     task : type, optional
-        Type of the task. By default the column ``task`` names it, or it follows from the columns
-        that are given.
+        Type of the task. By default, the column ``task`` names the type, or the type follows from
+        the other columns.
 
     Raises
     ------

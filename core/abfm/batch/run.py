@@ -56,15 +56,15 @@ def run(
     Parameters
     ----------
     rows : iterable of Row
-        Equal rows are solved once.
+        Rows to solve; equal rows are solved once.
     folder : path
-        Created if it does not exist.
+        Folder of the results, created if it does not exist.
     cluster : Cluster, optional
-        By default the cores of this machine.
+        Workers that solve the rows; by default the cores of this machine.
     on_change : callable
-        Called in this thread with each new entry.
+        Function that is called, in this thread, with each new entry.
     control : Control, optional
-        Cancels the run. Rows in progress are then abandoned and reported as missing.
+        Object that cancels the run. Rows in progress are then abandoned and reported as missing.
 
     Raises
     ------
@@ -84,7 +84,7 @@ class Workers:
     Parameters
     ----------
     cluster : Cluster, optional
-        By default the cores of this machine.
+        Workers that solve the rows; by default the cores of this machine.
     """
 
     def __init__(self, cluster: Cluster | None = None) -> None:

@@ -225,8 +225,8 @@ def commuting_fields(
     Returns
     -------
     (count, F, 3) array
-        Fields with the root mean square of ``v``. Each has a positive product with ``v`` rotated by
-        90 degrees plus ``v`` times its squared speed, unless that vanishes.
+        Fields with the root mean square of ``v``. Each field has a positive product with ``v``
+        rotated by 90 degrees plus ``v`` times its squared speed, unless that vanishes.
     """
     field = to_frame(mesh, check_field(mesh, v, "v"))
     areas = face_areas(mesh)

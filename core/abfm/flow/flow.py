@@ -87,11 +87,11 @@ class Flow:
     velocity : (N, F, 3) array
         The fields on the mesh itself, as means over the children of each face.
     fine_velocity : (N, 4^k F, 3) array
-        The given fields.
+        The fields as they were passed to the constructor.
     fine_mesh : TriangleMesh
-        The mesh of the given fields.
+        The mesh of ``fine_velocity``.
     refined : int
-        The number k of subdivisions.
+        The number k of subdivisions from ``mesh`` to ``fine_mesh``.
     """
 
     def __init__(

@@ -71,8 +71,8 @@ def flow_lines(
     duration : float
         Duration of the path. If negative, the path goes against the flow of the first field.
     tau : float, optional
-        End time of the N fields, each of which lasts ``tau / N``; the last one continues. It is
-        required for several fields.
+        End time of the N fields, each of which lasts ``tau / N``; the last field continues beyond
+        it. Several fields require this argument.
     """
     fields, k = checked_fields(mesh, velocity)
     fine = refined(mesh, k)

@@ -31,12 +31,12 @@ def read_labels(
     ----------
     path : path
     column : str, optional
-        One of several columns, by its name or number, counted from 0.
+        Name or number of one of several columns, counted from 0.
     mesh : TriangleMesh, optional
         The mesh whose vertices get the labels, as in `read_values`. Vertices without a label have
         the key -1.
     hemisphere : str
-        "L" or "R", for a file with both.
+        Hemisphere, "L" or "R", in a file with both.
 
     Raises
     ------

@@ -44,7 +44,7 @@ def as_values(
     ----------
     mesh : TriangleMesh
     source : array or object
-        One of the following. The hemisphere of the mesh is chosen if there are both.
+        Values in one of the following forms. Of both hemispheres, that of the mesh is chosen.
 
         - anything that NumPy converts to an array, also of PyTorch or PyVista; masked values are
           NaN

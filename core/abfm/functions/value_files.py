@@ -138,7 +138,7 @@ def read_values(
     column : str, optional
         Name of the array in .npz, .mat, VTK and PLY; ``NAME[1]`` is its second column.
     hemisphere : str
-        "L" or "R", for a file with both.
+        Hemisphere, "L" or "R", in a file with both.
 
     Returns
     -------

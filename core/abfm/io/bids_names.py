@@ -65,7 +65,7 @@ def bids_name(
     source : path
         A file, which does not need to exist.
     suffix, extension : str, optional
-        Such as ``sphere`` and ``.surf.gii``.
+        Suffix and extension of the new name, such as ``sphere`` and ``.surf.gii``.
     **entities : str, int or None
         Values by keys of `ENTITIES`, such as ``sub="01", hemi="L", desc="abfm"``; None removes an
         entity of the source.

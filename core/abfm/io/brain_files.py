@@ -69,7 +69,7 @@ def write_surface(
     Parameters
     ----------
     path : path
-        The ending of the name determines the format.
+        File to write; the ending of its name determines the format.
     mesh : TriangleMesh
     structure : str, optional
         Anatomical structure, in the words of Connectome Workbench. The default is that of the mesh,
@@ -141,7 +141,8 @@ def write_values(
     Raises
     ------
     ResultError
-        As in `write_surface`, whose other parameters are the same, or if values have another shape.
+        In the cases of `write_surface`, whose other parameters are the same, or if values have
+        another shape.
     """
     ending = _ending(path, _VALUES)
     array = real_numbers(values, "values", ResultError)
@@ -201,13 +202,13 @@ def write_labels(
     Parameters
     ----------
     labels : Labels
-        As returned by `abfm.functions.read_labels`.
+        Labels as `abfm.functions.read_labels` returns them.
 
     Raises
     ------
     ResultError
-        As in `write_surface`, whose other parameters are the same, or if keys, names or colours
-        cannot be written.
+        In the cases of `write_surface`, whose other parameters are the same, or if keys, names or
+        colours cannot be written.
     """
     ending = _ending(path, _LABELS)
     keys = _keys(labels)

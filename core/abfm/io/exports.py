@@ -92,7 +92,7 @@ def export_energy_csv(
     Parameters
     ----------
     energy_history : (I, 3) array
-        Total, regularity and mismatch.
+        Total energy, regularity and mismatch of each iterate.
     stages : (I,) array of int
 
     Raises

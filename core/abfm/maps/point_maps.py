@@ -33,7 +33,7 @@ class PointMap:
     faces : (V,) array of int
         Face of the codomain with the image of each of the domain's V vertices.
     barycentric : (V, 3) array
-        Weights of the corners of this face, not negative, with sum 1.
+        Weights of the corners of the face with the image of each vertex, not negative, with sum 1.
     distances : (V,) array, optional
         Distances of the images from the codomain before projection, in its units; by default 0.
     interior_map : callable, optional

@@ -54,7 +54,7 @@ def match(
     Parameters
     ----------
     problem : Problem, or a mesh as for `abfm.load_mesh`
-        A mesh also needs functions or landmarks, see `Problem`.
+        Problem to solve. With a mesh, functions or landmarks are needed as well, see `Problem`.
     f, g, parameters, mask, weights, start, terms, landmarks, landmark_weights
     approximate, circular
         Arguments of `Problem`, only if the first argument is a mesh.

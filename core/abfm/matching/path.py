@@ -51,8 +51,9 @@ class PathStep:
     log2_area_95 : float
         Area-weighted 95th percentile of ``|log2 J|``.
     held_out : float
-        Residual of held-out patches, relative to that of the same patches without motion. Below 1,
-        the field also improves values that it was not fitted to. NaN if nothing was held out.
+        Residual of held-out patches, relative to that of the same patches without motion. If the
+        residual is below 1, the field also improves values that it was not fitted to. NaN if
+        nothing was held out.
     score : float
         Residual of held-out patches along flow lines plus 0.25 times ``log2_area``, both on the
         coarsest mesh. The match is the step with the smallest score. If sigma was interpolated

@@ -87,15 +87,17 @@ class Problem:
     terms : sequence of DataTerm
         Additional data terms, on ``mesh.normalized()``.
     landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
-        Vertices, or points, and their targets. Vertices of a `TriangleMesh` are its rows; for any
-        other mesh they are numbers of the file or object. They add
-        ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` to the energy, where ``phi`` is the flow to
+        Landmarks and their targets, as vertices or points of the surface. Vertices of a
+        `TriangleMesh` are its rows; for any
+        other mesh they are numbers of the file or object. Landmarks add ``1/(2 lambda^2) sum_i w_i
+        d(phi(p_i), q_i)^2`` to the energy, where ``phi`` is the flow to
         tau, d the distance along the surface, and lambda the parameter ``landmark_sigma``.
     landmark_weights : (L,) array, optional
         Weight of each landmark, not negative.
     approximate : bool
         Whether source and target match only approximately, such as descriptors of two shapes. Like
-        measured functions, they are matched as long as held-out patches of the surface improve.
+        measured functions, such functions are matched as long as held-out patches of the surface
+        improve.
     circular : bool or float
         True if f and g are phases, or their period. Each phase is replaced by two channels, its
         cosine and sine, with the same weight. Specs may use ``circular:...`` instead. None disables

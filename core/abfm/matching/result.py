@@ -65,11 +65,11 @@ class Match(Display):
         The stage of each row of the energy history.
     residual : float
         ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask. If the
-        largest error of a landmark, in tenths of sqrt(area), is larger, it is the residual. Goal
-        and verdict use it.
+        largest error of a landmark, in tenths of sqrt(area), is larger, this error is the residual.
+        Goal and verdict use this residual.
     verified_residual : float
-        The residual of the source along flow lines of the continuous fields. On large meshes it is
-        estimated from some of the vertices. NaN if unknown. See `abfm.matching.verify`.
+        The residual of the source along flow lines of the continuous fields. On large meshes the
+        residual is estimated from some of the vertices. NaN if unknown. See `abfm.matching.verify`.
     folded : float
         Share of the faces that the flow folds, 0 to 1 (`Verification.folded`); NaN if unknown.
     stop_reason : StopReason
@@ -77,7 +77,8 @@ class Match(Display):
     verdict : Verdict
         Outcome, cause and advice.
     path : tuple of PathStep
-        The steps of the continuation, from large to small sigma. The default is this field alone.
+        The steps of the continuation, from large to small sigma. By default the path has only this
+        field.
     step : int
         Index of the step in ``path`` that is the match.
     load_warning : str

@@ -39,8 +39,8 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     ----------
     problems : iterable of Problem
     executor : concurrent.futures.Executor
-        For example a ``ProcessPoolExecutor``, or ``client.get_executor()`` of
-        ``dask.distributed``. One match uses one core, so use as many workers as there are cores.
+        Executor of the matches, for example a ``ProcessPoolExecutor``, or ``client.get_executor()``
+        of ``dask.distributed``. One match uses one core, so use as many workers as there are cores.
 
     Yields
     ------

@@ -152,7 +152,7 @@ class MatchTask(Task):
     ----------
     problem : Problem
     max_distortion : float, optional
-        Bound of `abfm.matching.limit_distortion`.
+        Bound of the distortion, see `abfm.matching.limit_distortion`.
     """
 
     problem: Problem

@@ -37,12 +37,12 @@ class SurfaceColors(NamedTuple):
     Attributes
     ----------
     coordinates : (F, 3, 2) array
-        Texture coordinates of the corners, to the right and up, from 0 to 1 over the image. NaN
-        if the material has no image.
+        Texture coordinates of the corners, to the right and up, from 0 to 1 over the image. NaN if
+        the material has no image.
     colors : (F, 3, 4) array
         Factors of the colour of the material: red, green, blue and opacity, each from 0 to 1.
     owners : (F,) array of int
-        The material of each face.
+        Number of the material of each face.
     materials : tuple of Material
         Materials; each image is the bytes of its file.
     """

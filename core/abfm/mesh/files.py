@@ -90,8 +90,8 @@ def load_mesh(
     ----------
     mesh : path or object
         A file is obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, a FreeSurfer surface or an MNI
-        object. It may be compressed (.gz). Its first bytes determine the format, or else the
-        ending of its name. Accepted objects are:
+        object. It may be compressed (.gz). Its first bytes determine the format, or else the ending
+        of its name. Accepted objects are:
 
         - a pair (vertices, faces)
         - a ``trimesh.Trimesh``
@@ -101,20 +101,20 @@ def load_mesh(
         - a `TriangleMesh`, which is returned unchanged
     merge : bool or float, optional
         Merge vertices that are at most this distance apart, in the unit of the file, for example at
-        the seams of a texture. The first of them keeps its position. The distance must be smaller
-        than every edge. True uses 1e-6 of the diagonal of the bounding box, or less if edges are
-        short.
+        the seams of a texture. The first vertex of a group keeps its position. The distance must be
+        smaller than every edge. True uses 1e-6 of the diagonal of the bounding box, or less if
+        edges are short.
     clean : bool
-        Remove repeated faces, and sheets attached to a surface of at least their area. Remove
-        faces without area: merge their ends if these are close, or else split their neighbours, so
-        that no hole remains. A mesh that still has defects is refused.
+        Remove repeated faces, and sheets attached to a surface of at least their area. Remove faces
+        without area: merge their ends if these are close, or else split their neighbours, so that
+        no hole remains. A mesh that still has defects is refused.
     hemisphere : {"L", "R"}, optional
-        Keep one hemisphere of a surface with both. L has the smaller x. If both are at the same
+        Hemisphere to keep, of a surface with both. L has the smaller x. If both are at the same
         place, as spheres are, L is the first in the file, the order of Connectome Workbench and
-        nilearn. A surface of one component is kept as it is. For nilearn objects, this chooses the
-        part.
+        nilearn. A surface of one component is kept as it is. For nilearn objects, the argument
+        chooses the part.
     largest_component : bool
-        If the mesh has several components, keep the one with the largest area.
+        Whether to keep only the component with the largest area, if there are several.
 
     Notes
     -----

@@ -71,10 +71,11 @@ class TriangleMesh(Display):
     Parameters
     ----------
     vertices, faces : (V, 3) array of float, (F, 3) array of int
-        Positions, and vertex indices of the corners, counted from 0. Both are copied.
+        Positions of the vertices, and vertex indices of the corners of faces, counted from 0. Both
+        arrays are copied.
     structure : str, optional
         Anatomical structure, as in GIFTI's ``AnatomicalStructurePrimary``, such as ``CortexLeft``.
-        It is written to output files, and compared with the structure of values.
+        The structure is written to output files, and compared with that of values.
     file_name : str
         The name of the mesh file, for messages.
     messages : iterable of str
@@ -103,21 +104,23 @@ class TriangleMesh(Display):
     messages : tuple of str
         Repairs and warnings, one line each.
     has_flipped_faces : bool
-        Whether the orientation of some faces was reversed, so that all have the same.
+        Whether some faces were reversed so that all faces have the same orientation.
     edges, face_edges : (E, 2) and (F, 3) array of int
-        Vertex pairs, smaller index first, and the edge opposite each corner.
+        Pairs of vertices of the edges, smaller index first, and the edge opposite each corner of a
+        face.
     edge_slots : (E, 2) array of int
         The slots ``3 f + k`` of the corners opposite each edge, smaller first; the second is -1 on
         the boundary.
     corner_fans : (F, 3) array of int
         The vertex of each corner if the surface were cut at its pinched vertices.
     cache : dict
-        Results cached by ``per_mesh``; it may be cleared at any time.
+        Results cached by ``per_mesh``; the dictionary may be cleared at any time.
 
     Raises
     ------
     MeshError
-        With the defect, how often it occurs, an example numbered as in the input, and a remedy.
+        If the mesh has a defect. The message has the number of occurrences, an example numbered as
+        in the input, and a remedy.
     """
 
     vertices: FloatArray

@@ -53,7 +53,7 @@ def page_of(shown_object: Any, title: str = "", up: str | None = None, share: fl
     ----------
     shown_object : TriangleMesh or result
     title : str
-        By default the name of the type.
+        Title of the page; by default the name of the type.
     up : str, optional
         Axis that points upwards, "x", "y" or "z".
     share : float

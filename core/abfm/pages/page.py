@@ -61,7 +61,7 @@ class Paths:
     Parameters
     ----------
     starts, ends : (S, 3) arrays
-        Points, in the unit of the mesh.
+        Ends of S straight pieces of paths, in the unit of the mesh.
     times : (S, 2) array
         Start and end of each piece. Between them, a disc moves along the piece.
     tail : float

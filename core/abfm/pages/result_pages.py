@@ -51,7 +51,7 @@ def match_page(match: Match, title: str, up: str | None = None, share: float = 1
     match : Match
     title : str
     up : str, optional
-        Axis that points upwards; by default see `best_front`.
+        Axis that points upwards; the default is that of `best_front`.
     share : float
         Fraction of the maximum number of values and lines, up to 1.
     """

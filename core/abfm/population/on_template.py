@@ -81,7 +81,7 @@ def map_facts(
     points : PointMap
         Points on the subject at the template's vertices.
     drift : (F, 3) array
-        Mean field that was subtracted.
+        Mean field that was subtracted from the field of the registration.
     """
     template = points.domain
     ratios = Correspondence(points).distortion().area

@@ -41,8 +41,7 @@ class Similarity:
         Correlation with the mean of the others; weighted mean over channels.
     distance : float
         L2 distance to the mean of the others; weighted root mean square over channels. It is
-        divided by
-        the L2 norm of that mean minus its average over the surface.
+        divided by the L2 norm of that mean minus its average over the surface.
     log2_area : float
         Mean of ``|log2 J|``, the change of areas by the map.
     folded : float

@@ -89,7 +89,8 @@ class Population(Display):
     verdicts : tuple of str
         Kind of the verdict of each registration of the last round, see `abfm.Match.verdict`.
     digests : tuple of str
-        Names of the files of these registrations, ``<digest>.npz``; empty after a failure.
+        Names of the files of the registrations of the last round, ``<digest>.npz``; empty after a
+        failure.
     before, values : (N, V, C) arrays
         Values of the subjects on the template, by their initial maps and after registration. NaN if
         a channel is unknown or a subject could not be registered.
@@ -109,8 +110,7 @@ class Population(Display):
         Mean field that was subtracted in the last round.
     changes : (R,) array
         Change of the mean in each of R rounds: the L2 norm of the difference. It is divided by the
-        L2
-        norm of the mean minus its average over the surface.
+        L2 norm of the mean minus its average over the surface.
     bound : float
         Change of the mean, in the same measure, below which the rounds stop.
     """

@@ -49,17 +49,17 @@ def register_population(
     cohort : Cohort
         The subjects, see `abfm.population.read_subjects`.
     template : path or object
-        Surface to register to: a mesh file, or a mesh that `load_mesh` accepts. Such a mesh is
-        written to the folder.
+        Surface to register to: a mesh file, or a mesh that `load_mesh` accepts. A mesh is written
+        to the folder.
     folder : path
         Folder of results, created if it does not exist.
     settings : Settings, optional
     cluster : Cluster, optional
         Workers that solve the rows; by default the cores of this machine.
     on_change : callable
-        Called with the entry of each registration when it is finished.
+        Function that is called with the entry of each registration when it is finished.
     control : Control, optional
-        Cancels the computation by a `CancelledError`; finished rows are preserved.
+        Object that cancels the computation by a `CancelledError`; finished rows are preserved.
 
     Raises
     ------

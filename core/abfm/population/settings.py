@@ -25,7 +25,8 @@ class Settings:
     ----------
     functions : mapping of str
         Functions of the template, as texts, for each channel used for registration; they are the
-        first target. Without them the first target is the subject most similar to the plain mean.
+        first target. Without functions of the template, the first target is the subject most
+        similar to the plain mean.
     mask : str
         Specification of nonnegative weights of the template's vertices; empty for 1 everywhere.
     initial : str
@@ -34,8 +35,7 @@ class Settings:
         Options of each registration, as for `abfm register`: ``alpha``, ``max-distortion``, ...
     bound : float
         The rounds stop when the mean changes by less than this. The change is an L2 norm, divided
-        by
-        the L2 norm of the mean minus its average over the surface.
+        by the L2 norm of the mean minus its average over the surface.
     rounds : int
         Maximum number of rounds.
     weights : mapping of float

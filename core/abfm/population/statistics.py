@@ -184,8 +184,8 @@ def phase_and_amplitude(before: Moments, after: Moments, areas: FloatArray) -> P
     Parameters
     ----------
     before, after : Moments
-        Sums at the same points. Interpolate the subjects in the same way before and after:
-        interpolation smooths noise, and the difference would count as phase.
+        Sums before and after alignment, at the same points. Interpolate the subjects in the same
+        way before and after: interpolation smooths noise, and the difference would count as phase.
     areas : (P,) array
         Area that each point represents.
     """

@@ -45,7 +45,7 @@ class TransferredSubject(NamedTuple):
     ----------
     before : TemplateValues
     after : TemplateValues, optional
-        None if the subject is not registered.
+        Values after registration; None if the subject is not registered.
     log2_area : (F,) array, optional
         log2 J of the faces of the template, if the points are its vertices.
     verdict : str
@@ -79,7 +79,7 @@ class SubjectTransfer:
     one_based : bool
         Whether files of landmarks count vertices from 1.
     registration, drift : str
-        Files of the registration and of the mean field; empty for an initial map.
+        Files of the registration and of the mean field; empty if the initial map is used.
     at_edges : bool
         Whether to transfer values to the midpoints of edges instead of the vertices.
     """

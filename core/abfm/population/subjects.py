@@ -38,8 +38,8 @@ class Subject:
     ----------
     name : str
     functions : tuple of str
-        Specification of each channel, such as ``file:/data/s1/lh.sulc``. It may be empty for a
-        held-out channel that is unknown.
+        Specification of each channel, such as ``file:/data/s1/lh.sulc``. The specification of an
+        unknown held-out channel is empty.
     surface : str
         The mesh file; empty for the template itself.
     mask : str

@@ -24,13 +24,13 @@ class Labels:
     Attributes
     ----------
     values : (n,) array of int
-        Keys. The meaning of keys without a name depends on the file format. Vertices without a
-        label have the key -1 in FreeSurfer files, and usually the key 0, named "???", in GIFTI
-        files.
+        Key of each vertex. The meaning of keys without a name depends on the file format. Vertices
+        without a label have the key -1 in FreeSurfer files, and usually the key 0, named "???", in
+        GIFTI files.
     names : mapping of keys to str
-        It may contain keys that no vertex has.
+        Names by key; there may be names for keys that no vertex has.
     colors : mapping of keys to `Color`
-        Keys may be missing.
+        Colours by key; keys may be missing.
     """
 
     values: IntArray

@@ -45,14 +45,14 @@ class Correspondence(Display):
     points : PointMap
         Map from B to A: the point of A for each vertex of B.
     back : PointMap, optional
-        Map from A to B. By default it takes each vertex of A to the point of B whose image is
-        closest (`PointMap.inverse`).
+        Map from A to B. The default takes each vertex of A to the point of B whose image is closest
+        (`PointMap.inverse`).
 
     Attributes
     ----------
     candidates : tuple of Candidate
-        Candidates of an initial map that was searched: the chosen one first, then the others in
-        the order of their costs.
+        Candidates of an initial map that was searched: the chosen one first, then the others in the
+        order of their costs.
 
     Examples
     --------

@@ -113,11 +113,11 @@ def register(
         Surfaces A and B.
     f, g : (V_A,) or (V_A, C), and (V_B,) or (V_B, C) arrays, or str, or sequences of str
         Functions of A and of B, with one or several channels. A string is the text form of a
-        function, see `abfm.function`. Values that are not finite, such as NaN behind a medial
-        wall, are not compared, and a note reports their number.
+        function, see `abfm.function`. Values that are not finite, such as NaN behind a medial wall,
+        are not compared, and a note reports their number.
 
-        Measured functions, and functions in different units, are standardized where both masks
-        are positive: means are subtracted and standard deviations are divided by. If two measured
+        Measured functions, and functions in different units, are standardized where both masks are
+        positive: means are subtracted and standard deviations are divided by. If two measured
         functions correlate by less than -0.3 under the initial map, the sign of A's function is
         changed, and a note reports this.
     initial : Correspondence, PointMap or str, optional
@@ -127,23 +127,24 @@ def register(
         Corresponding vertices, or points, of A and B. The initial map transfers the landmarks of A
         to B, and the flow moves them to the landmarks of B. Without f and g only landmarks are
         matched. Vertices of a `TriangleMesh` are counted by its rows; those of any other file or
-        object are counted as it counts them.
+        object have the numbers of that file or object.
     parameters : Parameters, optional
-        By default `MEASURED_PARAMETERS` if the functions are measured, or if the initial map was
-        searched between two shapes, whose functions are only similar. Otherwise ``Parameters()``.
+        Parameters of the match. The default is `MEASURED_PARAMETERS` if the functions are measured,
+        or if the initial map was searched between two shapes, whose functions are only similar.
+        Otherwise the default is ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
         Weight of the mismatch at each vertex, not negative. Where it is 0, or where a value is not
         finite, the functions are interpolated from their surroundings.
     weights : (C,) array, optional
-        Weight of the mismatch of each channel. All of them are 0 if only landmarks are to be
-        matched. Masks and weights need functions.
+        Weight of the mismatch of each channel. If all weights are 0, only landmarks are matched.
+        Masks and weights need functions.
     max_distortion : float, optional
         Largest ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, of which none may be folded, see
         `limit_distortion`.
     circular : bool or float
-        True if f and g are phases, or the period of their values. A phase is compared by its
-        cosine and sine, which makes two channels with its weight. A text may also be
-        ``circular:...`` itself.
+        True if f and g are phases of period 2 pi, or the period of their values. A phase is
+        compared by its cosine and sine, which makes two channels with its weight. A text may also
+        be ``circular:...`` itself.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Registration(Correspondence):
     match : Match
         Match on B of A's functions, transferred by the initial map, to B's functions.
     notes : tuple of str
-        Notes on the computation of both, a line each.
+        Notes on the computation of initial map and match, a line each.
     functions : (V_A, C) array, optional
         Functions of A in the units of the comparison; None if they are known on B only.
     warnings : tuple of str

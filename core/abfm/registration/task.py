@@ -178,7 +178,7 @@ class RegistrationTask(Task):
     parameters : mapping of str
         Parameters that the user set; the defaults of the others depend on the functions.
     max_distortion : float, optional
-        See `abfm.registration.limit_distortion`.
+        Bound of the distortion, see `abfm.registration.limit_distortion`.
     """
 
     a: TriangleMesh

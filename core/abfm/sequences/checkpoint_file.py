@@ -51,10 +51,10 @@ class SequenceCheckpoint:
     Parameters
     ----------
     result : path, optional
-        Path of the result; the checkpoint is ``RESULT-DIGEST.unfinished``. Without it, there is no
-        checkpoint.
+        Path of the result; the checkpoint is ``RESULT-DIGEST.unfinished``. Without a path, there is
+        no checkpoint.
     on_found : callable
-        Called with the number of intervals of an earlier run, if there are any.
+        Function that is called with the number of intervals of an earlier run, if there are any.
     solve_remaining : bool
         Whether to solve the remaining intervals. If false, the result is that of a cancelled run.
     """

@@ -19,8 +19,8 @@ class SequenceParameters(Settings):
     Attributes
     ----------
     automatic : tuple of str
-        Those of ``alpha`` and ``order`` that held-out data choose. In a `Sequence` they have the
-        chosen values.
+        Names of the parameters, ``alpha`` or ``order``, that held-out data choose. In a `Sequence`
+        these parameters have the chosen values.
     """
 
     alpha: float = 1.0

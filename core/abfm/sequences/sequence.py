@@ -342,12 +342,12 @@ def sequence(
         pandas objects and MNE's source estimates, see `abfm.functions.as_values`, have a column for
         each frame.
     times : (T,) array, optional
-        Ascending times in seconds. The default are those of a source estimate or an image, or else
-        the frame numbers 0, 1, 2, ...
+        Ascending times in seconds. By default, the times are those of a source estimate or an
+        image, or else the frame numbers 0, 1, 2, ...
     parameters : SequenceParameters, optional
-        Made by `abfm.sequences.defaults`. If ``alpha`` and ``order`` of the norm are not given,
-        those that best predict held-out patches of a few intervals are chosen. If sigma is not
-        given, it is the largest that predicts them nearly as well.
+        Parameters made by `abfm.sequences.defaults`. If ``alpha`` and ``order`` of the norm are not
+        given, those that best predict held-out patches of a few intervals are chosen. If sigma is
+        not given, it is the largest that predicts them nearly as well.
     gamma : float
         Weight of the difference between neighbouring fields; 0 solves each interval separately.
     dt : float, optional
@@ -363,13 +363,15 @@ def sequence(
         A file for intermediate results. If this run is killed or cancelled, the next run of the
         same problem resumes from it. Call ``checkpoint.remove()`` after the result is saved.
     on_interval : callable, optional
-        Called in this thread with the number of each interval when it is first solved.
+        Function that is called, in this thread, with the number of each interval when it is first
+        solved.
     on_field : callable, optional
-        Called after that with the number and the field (F, 3), in the mesh's unit per unit of time.
-        At the beginning, it is also called with the fields of an earlier run.
+        Function that is called after ``on_interval`` with the number and the field (F, 3), in the
+        mesh's unit per unit of time. At the beginning, it is also called with the fields of an
+        earlier run.
     control : Control, optional
-        Pauses or cancels from another thread. After a cancellation, solved fields are returned and
-        the others are 0.
+        Object that pauses or cancels the computation from another thread. After a cancellation,
+        solved fields are returned and the others are 0.
 
     Raises
     ------

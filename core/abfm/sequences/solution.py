@@ -55,11 +55,11 @@ class Solution:
     gamma : float
         Weight of the difference between neighbouring fields.
     residual, verified_residual, folded : (T - 1,) array
-        As in `Match`, of each interval: residual of the discrete flow and of flow lines, and the
-        share of faces that flow lines fold. NaN if unknown.
+        Residuals of each interval by the discrete flow and by flow lines, and the share of faces
+        that flow lines fold, as in `Match`. NaN if unknown.
     noise : float
-        Largest residual that independent noise at vertices causes. It is the median over intervals;
-        each interval is judged by its own value.
+        Largest residual that independent noise at vertices causes. The number is the median over
+        intervals, but the value of each interval decides its verdict.
     verdicts : tuple of Verdict
         The verdict of each interval.
     motion_share : float

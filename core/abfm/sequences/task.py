@@ -152,7 +152,7 @@ class SequenceTask(Task):
     key : str
         Name of the result.
     dt : float, optional
-        Time between two frames, instead of the times of the file.
+        Seconds between two frames, which replace the times of the file.
     options : mapping of str
         Further arguments of `abfm.sequence`.
     """

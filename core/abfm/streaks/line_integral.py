@@ -75,8 +75,8 @@ def line_integral_convolution(
     width : float
         Width of the streaks, in the same units, but at least about two texels.
     fade : bool
-        Whether the contrast is proportional to the speed. It is full from the speed that a fiftieth
-        of the area exceeds.
+        Whether the contrast is proportional to the speed. The contrast is full where the speed is
+        among the highest 2% of the area.
     phase : float or (P,) array, optional
         Images at phases rising from 0 to 1, where they repeat, show streaks that move along the
         field. Computing P images at once is much faster than one by one.

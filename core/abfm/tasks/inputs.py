@@ -95,20 +95,20 @@ class Input:
     name : str
         Name of the column, and of the option after ``--``.
     help : str
-        One line for ``--help``.
+        Help text of the option, one line for ``--help``.
     read : callable
-        Parses a text and returns its value; raises an AbfmError if the text is invalid.
+        Function that parses a text and returns its value, or raises an AbfmError.
     metavar : str
-        Name of the value in ``--help``, one word for each value of the option. Empty for a flag,
-        whose text is "yes".
+        Name of the value in ``--help``, one word for each value of the option. The name is empty
+        for a flag, whose text is "yes".
     group : str
-        Heading in ``--help``.
+        Heading of the option in ``--help``.
     default : str
         Default value as shown in ``--help``; empty if none is shown.
     without_value : str
         Text that an option without a value stands for; empty if the option needs a value.
     renamed : callable
-        Replaces the file names in a text.
+        Function that replaces the file names in a text.
     repeats : bool
         Whether the option can be repeated.
     is_argument : bool

@@ -23,12 +23,14 @@ class Monitor:
     Attributes
     ----------
     control : Control
-        Pauses, resumes or cancels the task. A cancelled task returns the best result so far.
+        Object that pauses, resumes or cancels the task. A cancelled task returns the best result so
+        far.
     on_partial : callable
-        Called with each partial result, in the thread that solves the task. A match passes an
-        `Iteration`; a sequence passes the number of a solved interval and its field, (F, 3).
+        Function that is called with each partial result, in the thread that solves the task. A
+        match passes an `Iteration`; a sequence passes the number of a solved interval and its
+        field, (F, 3).
     on_note : callable
-        Called with each note about the solution, a text of one line.
+        Function that is called with each note about the solution, a text of one line.
     checkpoint : Path, optional
         Path of the final result. A long task stores its progress in a file next to this path, and
         resumes from that file.

@@ -133,7 +133,7 @@ class Task(ABC):
     needs : tuple of str
         Names of the required inputs. The first one identifies the type of task of a row.
     result : type
-        Type of the results.
+        Type of the task's results.
     file : ResultFile
     report : Report
     exports : mapping of str to Export

@@ -35,11 +35,11 @@ class Step:
     Attributes
     ----------
     expected : float or None
-        Expected seconds, if known.
+        Expected duration of the step in seconds; None if unknown.
     done : float or None
-        Completed share, from 0 to 1, if counted.
+        Completed share of the step, from 0 to 1; None if it is not counted.
     began : float
-        Start, by `time.monotonic`.
+        Start of the step, by `time.monotonic`.
     """
 
     task: str

@@ -41,12 +41,12 @@ class Verdict:
     Attributes
     ----------
     kind : Outcome
-        One of ``abfm.outcome.VERDICTS``.
+        Outcome of the match, one of ``abfm.outcome.VERDICTS``.
     reason : str
         The first and the last residual and, after a colon, their interpretation. One line without a
         full stop.
     advice : str
-        What to try, in one line without a full stop; empty if nothing is needed.
+        Suggestion for a better match, in one line without a full stop; empty if nothing is needed.
     remedies : tuple of Remedy
         The advice as changes of parameters, the best one first.
     cause : Cause

@@ -39,8 +39,8 @@ class Verification:
         Residual of the exponential of the continuous fields on the midpoint subdivision. It is inf
         if the flow overflows or would take very long, and NaN if it was not computed.
     folded, flipped : float
-        Shares of the faces that the inverse flow folds, and of the faces that seem flipped by
-        their advected vertices alone. If the field is noise, they are tens of percent.
+        Shares of the faces that the inverse flow folds, and of the faces that seem flipped by their
+        advected vertices alone. If the field is noise, these shares are tens of percent.
     resolution : float
         Number of edges that the narrow features of both functions span, masked vertices included.
     """
@@ -92,14 +92,14 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     Parameters
     ----------
     problem : Problem
-        Functions, mask, weights, tau and method.
+        Problem with the functions, mask, weights, tau and method.
     velocity : (N, F, 3) or (F, 3) array
         Tangent fields, each for ``tau / N``, in the length unit of the mesh, such as
         ``match.velocity``. Fields (N, 4^k F, 3), such as ``match.fine_velocity``, are verified on
         the mesh subdivided k times, with its functions (`abfm.Problem.refined`).
     subdivided : bool
-        Whether to make the check on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices. It
-        takes most of the time.
+        Whether to make the check on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices. This
+        check takes most of the time.
 
     Raises
     ------

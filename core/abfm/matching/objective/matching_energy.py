@@ -282,14 +282,15 @@ class MatchingEnergy:
         sigma : float
         reach : float
             Distance over which the data terms compare functions, as a fraction of sqrt(area). 0
-            compares
-            them point by point, as in the paper.
+            compares them point by point, as in the paper.
         alpha : float, optional
-            Replaces alpha of the parameters.
+            Value that replaces alpha of the parameters.
         shift : (C, V) array, optional
-            Subtracted from the advected functions before they are compared with the target.
+            Functions that are subtracted from the advected functions before the comparison with the
+            target.
         tolerance : float
-            Truncates the series of the advection. The gradient is that of the truncated series.
+            Tolerance at which the series of the advection is truncated. The gradient is that of the
+            truncated series.
         """
         misfit = self.measure(reach).energies_and_derivative
         return Objective(

@@ -31,7 +31,7 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
     Parameters
     ----------
     sigmas, scores : (3,) arrays
-        Three steps with decreasing sigma; the second one has the smallest score.
+        Sigma and score of three steps with decreasing sigma; the second one has the smallest score.
 
     Returns
     -------

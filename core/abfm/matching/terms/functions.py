@@ -54,8 +54,8 @@ class FunctionTerm:
     areas : (V,) array
         Areas of the vertices times the mask.
     function_size : float
-        The larger deviation of source and target from their means, in L2 over all channels; 1 if
-        both are constant.
+        The larger L2 norm of source and target minus their means, over all channels; 1 if both are
+        constant.
     """
 
     name = "closeness"

@@ -38,11 +38,11 @@ class Landmarks:
     Attributes
     ----------
     a, b : SurfacePoints
-        Row i of ``a`` corresponds to row i of ``b``.
+        Points of A and of B; row i of ``a`` corresponds to row i of ``b``.
     weights : (L,) array
-        Positive weights.
+        Positive weights of the pairs.
     names : tuple of str
-        Names in the file, or numbers counted from 0.
+        Names of the pairs in the file, or numbers counted from 0.
     """
 
     a: SurfacePoints

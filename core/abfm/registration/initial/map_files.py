@@ -20,15 +20,11 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
 
     Vertices and faces are numbered as in the mesh files. The number of columns decides:
 
-    One column
-        The vertex of A for each vertex of B. `abfm.functions.read_vertex_map` documents whether
-        the file counts from 0 or from 1.
-    Four columns
-        A face of A, counted in the same way, and the weights of its three corners, for each vertex
-        of B. The weights may be rounded.
-    Two columns
-        Pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1). They are
-        landmarks, unless every vertex of B is in exactly one pair.
+    One column The vertex of A for each vertex of B. `abfm.functions.read_vertex_map` documents
+    whether the file counts from 0 or from 1. Four columns A face of A, counted in the same way, and
+    the weights of its three corners, for each vertex of B. The weights may be rounded. Two columns
+    Pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1). The pairs are
+    landmarks, unless every vertex of B is in exactly one pair.
 
     AbfmError if the file cannot be read or has another content. The message names the first wrong
     line.

@@ -63,7 +63,8 @@ class SpectralSearch:
     Parameters
     ----------
     landmarks : Landmarks, optional
-        One or two landmarks help to choose between maps. Three or more also give a start.
+        One or two landmarks help to choose between maps. Three or more landmarks also determine a
+        start of the search.
     functions : pair of (V_A,) or (V_A, C) and (V_B,) or (V_B, C) arrays, optional
         Functions with equal values at corresponding points.
 

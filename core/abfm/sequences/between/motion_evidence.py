@@ -37,8 +37,7 @@ class MotionEvidence(NamedTuple):
     ----------
     share : float
         Factor, from 0 to 1, of the change that motion makes to the linear blend of two frames. It
-        is
-        the factor that best explains a held-out frame between them. NaN if unknown.
+        is the factor that best explains a held-out frame between them. NaN if unknown.
     is_motion : bool
         False if motion certainly does not explain the held-out frames.
     """

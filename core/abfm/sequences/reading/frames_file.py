@@ -21,7 +21,7 @@ class FramesFile(NamedTuple):
     Attributes
     ----------
     times : (T,) array or None
-        In seconds; None if they are not given.
+        Times of the frames in seconds; None if they are unknown.
     notes : tuple of str
         Notes for the user, one line each.
     """

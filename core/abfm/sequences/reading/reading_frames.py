@@ -50,7 +50,7 @@ def read_frames(
     array : str, optional
         Name of the array in a .npz or .mat file, or in VTK point data; needed if there are several.
     hemisphere : str
-        "L" or "R", for files with both hemispheres.
+        Hemisphere, "L" or "R", in a file with both.
 
     Returns
     -------
@@ -96,8 +96,8 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     Parameters
     ----------
     given : array or object
-        An input of `abfm.functions.as_values` with a column for each frame; a list of frames; or
-        the name of a file. In pandas objects, either rows or columns are vertices.
+        Frames: an input of `abfm.functions.as_values` with a column for each frame, a list of
+        frames, or the name of a file. In pandas objects, either rows or columns are vertices.
 
     Raises
     ------

@@ -34,12 +34,12 @@ class CriticalPoints:
     ----------
     points : SurfacePoints
     index : (K,) array of int
-        1 for sources, sinks and spirals, -1 for saddles; rarely more.
+        Index of each zero: 1 for sources, sinks and spirals, -1 for saddles; rarely more.
     kinds : tuple of str
-        "spiral" if the field rotates faster than it diverges, by its derivative.
+        Kind of each zero; "spiral" if the derivative of the field rotates more than it diverges.
     divergence, curl : (K,) array
-        Of the continuous field at the points, per unit of time. The sign of the curl is the
-        direction of a spiral.
+        Divergence and curl of the continuous field at the zeros, per unit of time. The sign of the
+        curl is the direction of a spiral.
     """
 
     points: SurfacePoints

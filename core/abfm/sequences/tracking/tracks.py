@@ -31,11 +31,11 @@ class Track:
     times : (N,) array
         Middles of the intervals in which the point was found.
     points : SurfacePoints
-        Its places at these times, (N,).
+        Places of the critical point at these times, (N,).
     kinds : tuple of str
-        Its kinds at these times; a source may become a spiral.
+        Kinds of the critical point at these times; a source may become a spiral.
     index : int
-        1 or -1, which is constant.
+        Index of the critical point, 1 or -1, which is constant in time.
     """
 
     times: FloatArray
