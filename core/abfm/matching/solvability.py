@@ -48,29 +48,19 @@ def within_range(functions: FunctionTerm) -> FloatArray:
 
 
 def range_bound(functions: FunctionTerm) -> float:
-    """Return the least residual of any flow; 0 if the source has all values of the target.
+    """Return a lower bound of the residual of every flow from the source to the target.
 
-    At every vertex, ``|f_tau - g| >= |clip(g, min f, max f) - g|`` for the advected source
-    ``f_tau``.
+    A flow preserves the range of the source, so ``|f_tau - g| >= |clip(g, min f, max f) - g|``
+    everywhere. The bound is 0 if the source has all values of the target. Values that only the
+    source has do not count, because a flow can squeeze them to an arbitrarily small area.
     """
     return functions.residual(within_range(functions))
 
 
-def value_gap(functions: FunctionTerm) -> float:
-    """Return the residual caused by values that only one of the functions has.
-
-    The result is the larger one of the residuals of both functions, so it is the same for the match
-    from g to f. Values that only the source has cannot vanish along a flow either, although their
-    area can become small.
-    """
-    return max(range_bound(functions), range_bound(functions.reversed()))
-
-
 def worst_channel(functions: FunctionTerm) -> int:
-    """Return the channel in which the ranges of the functions differ most."""
-    sides = (functions, functions.reversed())
-    gaps = [((within_range(side) - side.target) ** 2) @ side.areas for side in sides]
-    return int(np.argmax(np.maximum(*gaps) * functions.weights))
+    """Return the channel whose target values outside the range of the source are largest in L2."""
+    gaps = ((within_range(functions) - functions.target) ** 2) @ functions.areas
+    return int(np.argmax(gaps * functions.weights))
 
 
 def source_is_constant(functions: FunctionTerm) -> bool:

@@ -56,7 +56,7 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.VALUES_DIFFER: (
         "{channel}the source has values from {source}, the target from {target}; no flow changes "
-        "values, so this difference amounts to a residual of {bound}"
+        "values, so {consequence}"
     ),
     Cause.EXTREMA_DIFFER: (
         "{channel}the source has {here} but the target has {there}, and no flow changes that"
