@@ -76,13 +76,7 @@ class ParameterError(AbfmError):
 
 
 class ColumnError(ParameterError):
-    """A missing or wrong value of a column of a table, or of the option with the same name.
-
-    Attributes
-    ----------
-    column : str
-        Name of the column.
-    """
+    """A missing or wrong value of a ``column`` of a table, or of the option with the same name."""
 
     def __init__(self, column: str, text: str) -> None:
         super().__init__(f"column {column}{text}")
@@ -125,16 +119,10 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def one_line(value: object, length_max: int = 200) -> str:
     """Return a value as printable text on one line, with its middle omitted if it is too long.
 
-    Characters that cannot be printed become question marks. For an error of the operating system,
-    the text is its message without the path. For an error without a message, it is the name of its
-    type.
-
-    Parameters
-    ----------
-    value : object
-        An error, a path, a text or any other object.
-    length_max : int
-        Maximum number of characters.
+    The value is an error, a path, a text or any other object, and the text has at most
+    ``length_max`` characters. Characters that cannot be printed become question marks. For an error
+    of the operating system, the text is its message without the path. For an error without a
+    message, it is the name of its type.
     """
     text = (value.strerror if isinstance(value, OSError) else None) or str(value)
     if isinstance(value, UnicodeDecodeError):

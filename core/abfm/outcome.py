@@ -25,20 +25,13 @@ class Outcome(StrEnum):
 
     MATCHED = "matched"
     """Both checks (discrete flow and flow lines) have a residual of at most the goal."""
-    REGISTERED = "registered"
-    """Measured functions match as closely as the data support."""
-    NEARLY = "nearly"
-    """The larger residual is above the goal, but at most `RESIDUAL_NEARLY`."""
-    NOT_REACHED = "not reached"
-    """This flow does not match the functions."""
-    IMPOSSIBLE = "impossible"
-    """No flow can match the functions."""
-    OUTLIER = "outlier"
-    """A subject is an outlier of its population."""
-    MISSING = "missing"
-    """The row has not been solved."""
-    FAILED = "failed"
-    """The row raised an error."""
+    REGISTERED = "registered"  # measured functions match as closely as the data support
+    NEARLY = "nearly"  # the larger residual is above the goal, but at most `RESIDUAL_NEARLY`
+    NOT_REACHED = "not reached"  # this flow does not match the functions
+    IMPOSSIBLE = "impossible"  # no flow can match the functions
+    OUTLIER = "outlier"  # a subject is an outlier of its population
+    MISSING = "missing"  # the row has not been solved
+    FAILED = "failed"  # the row raised an error
 
     @property
     def is_good(self) -> bool:
@@ -62,8 +55,7 @@ class Outcome(StrEnum):
 
 VERDICTS = tuple(outcome for outcome in Outcome if outcome.rank <= Outcome.IMPOSSIBLE.rank)
 """The outcomes that a match can have."""
-RESIDUAL_NEARLY = 0.15
-"""Largest residual of the outcome `Outcome.NEARLY`."""
+RESIDUAL_NEARLY = 0.15  # largest residual of the outcome `Outcome.NEARLY`
 
 
 @overload

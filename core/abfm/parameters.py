@@ -16,8 +16,7 @@ ALPHA_MAX = 1e7
 # bounds of numbers other than 0: their squares neither underflow nor overflow
 VALUE_MIN = 1e-30
 _VALUE_MAX = 1e30
-COUNT_MAX = 1_000_000_000
-"""Largest value of an integer parameter without another bound."""
+COUNT_MAX = 1_000_000_000  # largest value of an integer parameter without another bound
 LAST_SIGMA = 0.008
 """Smallest sigma of an automatic continuation, relative to the size of the functions.
 

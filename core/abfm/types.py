@@ -11,5 +11,4 @@ IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IndexArray: TypeAlias = NDArray[Any]
 """Integers of any size, as in sparse matrices and compiled kernels."""
-File: TypeAlias = str | os.PathLike[str] | BinaryIO
-"""A path, or an open binary file."""
+File: TypeAlias = str | os.PathLike[str] | BinaryIO  # a path, or an open binary file

@@ -23,8 +23,7 @@ from abfm.sequences.reading.vtk_frames import files_of_frames
 from abfm.tasks.inputs import Input, Rename, absolute, by_name
 from abfm.tasks.task import Task
 
-PROBLEMS = "problems"
-"""Subfolder, in the folder of results, for problems created in Python."""
+PROBLEMS = "problems"  # subfolder, in the folder of results, for problems created in Python
 _BLOCK_BYTES = 1 << 20  # bytes read at once
 _URI = re.compile(rb'"uri"\s*:\s*"((?!data:)[^"]{1,1000})"')
 _GLTF_BYTES_MAX = 64 << 20  # size of a glTF file that may refer to other files

@@ -23,8 +23,7 @@ from abfm.workers.control import CancelledError, Control
 from abfm.workers.executor import CALLS_SUBMITTED_MAX, Processes, completed, in_order
 from abfm.workers.worker import WorkerEndedError
 
-TRIES = 3
-"""Maximum number of attempts to solve a row whose process dies."""
+TRIES = 3  # maximum number of attempts to solve a row whose process dies
 ENDED_MESSAGE = f"its process ended {TRIES} times, possibly because of too little memory"
 ROWS_READ_MIN = 500
 """Number of rows whose entries are read even if the run is already cancelled. Reading the entries

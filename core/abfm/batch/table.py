@@ -16,8 +16,7 @@ from abfm.wording import counted
 
 Read = TypeVar("Read")
 
-NAME = "name"
-"""Name of the column with the names of rows."""
+NAME = "name"  # name of the column with the names of rows
 _BYTES_MAX = 256 << 20
 _ROWS_MAX = 1_000_000
 

@@ -25,8 +25,7 @@ _COMPRESSED_KIND = 15
 _NUMERIC_CLASSES = range(6, 16)  # classes of arrays: double, single, and integers of 8 to 64 bits
 _COMPLEX_FLAG = 0x800
 
-Element = tuple[int, bytes]
-"""Type and bytes of a data element."""
+Element = tuple[int, bytes]  # type and bytes of a data element
 
 
 def matlab_arrays(data: bytes) -> PointData:

@@ -73,14 +73,10 @@ _NO_VALUES = {
 class Request(NamedTuple):
     """Selection of values in a file that may have other values as well."""
 
-    counts: tuple[int, ...] = ()
-    """Numbers of vertices of the mesh and of its file."""
-    array: str | None = None
-    """Name of an array, for files with several."""
-    hemisphere: str = ""
-    """For files with both: "L", "R", or empty for the hemisphere of the mesh."""
-    integers: bool = False
-    """Whether integers, such as vertex numbers, are expected."""
+    counts: tuple[int, ...] = ()  # numbers of vertices of the mesh and of its file
+    array: str | None = None  # name of an array, for files with several
+    hemisphere: str = ""  # for files with both: "L", "R", or empty for the hemisphere of the mesh
+    integers: bool = False  # whether integers, such as vertex numbers, are expected
     mesh: TriangleMesh | None = None
     """Surface of the values, whose hemisphere is compared with that of the file."""
 

@@ -23,8 +23,7 @@ from abfm.reading import Archive, from_json, open_regular
 from abfm.types import File
 from abfm.workers.control import CancelledError
 
-FORMAT_VERSION = 3
-"""Version of the format of result files."""
+FORMAT_VERSION = 3  # version of the format of result files
 REMEDY = "Match again and save, or use another copy of the file"
 SIZE_MAX = 1e154
 """Largest value of functions, and of fields in units of ``length_scale``; larger squares overflow.

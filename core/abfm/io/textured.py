@@ -21,8 +21,7 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-TEXTURED_ENDINGS = (".obj", ".glb")
-"""Endings of names that `write_textured` supports."""
+TEXTURED_ENDINGS = (".obj", ".glb")  # endings of names that `write_textured` supports
 _HEADER = b"glTF\x02\0\0\0"
 _JSON = b"JSON"
 _BINARY = b"BIN\0"

@@ -12,8 +12,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-SPACING_MIN = 0.014
-"""Smallest distance between points, in sqrt(area)."""
+SPACING_MIN = 0.014  # smallest distance between points, in sqrt(area)
 _CANDIDATES = 32_768  # number of candidates, with a mean distance of 0.006 sqrt(area)
 _OPPOSITE_COSINE = -0.5  # points whose normals have a smaller cosine are not neighbours
 

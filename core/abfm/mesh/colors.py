@@ -32,25 +32,13 @@ _SINGLE_PRECISION = 2e-7
 
 
 class SurfaceColors(NamedTuple):
-    """Colours of the faces of a surface; see `load_colors`.
+    """Colours of the faces of a surface, see `load_colors`."""
 
-    Attributes
-    ----------
-    coordinates : (F, 3, 2) array
-        Texture coordinates of the corners, to the right and up, from 0 to 1 over the image. NaN if
-        the material has no image.
-    colors : (F, 3, 4) array
-        Factors of the colour of the material: red, green, blue and opacity, each from 0 to 1.
-    owners : (F,) array of int
-        Number of the material of each face.
-    materials : tuple of Material
-        Materials; each image is the bytes of its file.
-    """
-
+    # (F, 3, 2), of the corners to the right and up, 0 to 1 over the image; NaN without an image
     coordinates: FloatArray
-    colors: FloatArray
-    owners: IntArray
-    materials: tuple[Material, ...]
+    colors: FloatArray  # (F, 3, 4), factors of red, green, blue and opacity, 0 to 1
+    owners: IntArray  # (F,), number of the material of each face
+    materials: tuple[Material, ...]  # each image is the bytes of its file
 
 
 def load_colors(

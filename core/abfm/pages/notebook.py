@@ -38,10 +38,8 @@ VERTICES_MAX = 10_000
 """Maximum number of vertices of a surface in a notebook; finer surfaces are coarsened."""
 RESULT_VERTICES_MAX = 100_000
 """Maximum number of vertices of a result in a notebook; larger pages would take long."""
-BYTES_MAX = 6_000_000
-"""Maximum number of characters of a page in a notebook."""
-DATA_SHARE = 0.1
-"""Fraction of the values, arrows and lines of a full page that a notebook shows."""
+BYTES_MAX = 6_000_000  # maximum number of characters of a page in a notebook
+DATA_SHARE = 0.1  # fraction of the values, arrows and lines of a full page that a notebook shows
 _HEIGHT = 440  # pixels
 _COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
 

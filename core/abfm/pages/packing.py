@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.types import FloatArray
 
-LEVELS = 4095
-"""Number of steps between the minimum and the maximum; a colour map has 256 colours."""
-NO_VALUE = 65535
-"""Number that represents an unknown value."""
+LEVELS = 4095  # number of steps between the minimum and the maximum; a colour map has 256 colours
+NO_VALUE = 65535  # number that represents an unknown value
 _COORDINATE_LEVELS = 65535  # steps along each side of the bounding box
 
 

@@ -35,8 +35,7 @@ _COLORS = 256  # entries of a colour map
 _PLAY_SECONDS = (0.1, 3600.0)  # minimum and maximum duration of playing
 _TAIL_MAX = 1e30  # a tail that never fades
 
-Color = tuple[float, float, float]
-"""Red, green and blue in sRGB, 0 to 1."""
+Color = tuple[float, float, float]  # red, green and blue in sRGB, 0 to 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ from abfm.pages.front import Front, best_front, triple
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
 
-CHANNELS_MAX = 4
-"""Maximum number of pairs of functions that are shown."""
+CHANNELS_MAX = 4  # maximum number of pairs of functions that are shown
 
 
 def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:

@@ -26,8 +26,7 @@ from abfm.workers.progress import stepped
 
 VALUES_MAX = 4_000_000
 """Maximum number of values in all key frames of all functions; each takes two bytes."""
-PART_VALUES_MAX = 500_000
-"""Maximum number of values of divergence or of curl."""
+PART_VALUES_MAX = 500_000  # maximum number of values of divergence or of curl
 _KEYS_PER_INTERVAL_MAX = 4
 PLAY_SECONDS_PER_FRAME = 0.15
 PLAY_SECONDS_MIN = 4.0

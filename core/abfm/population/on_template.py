@@ -75,13 +75,8 @@ def map_facts(
 ) -> tuple[FloatArray, MapFacts]:
     """Return log2 J of the template's faces, (F,), and the measures of a map.
 
-    Parameters
-    ----------
-    found : Registration
-    points : PointMap
-        Points on the subject at the template's vertices.
-    drift : (F, 3) array
-        Mean field that was subtracted from the field of the registration.
+    ``points`` are those on the subject at the template's vertices. ``drift`` (F, 3) is the mean
+    field that was subtracted from the field of the registration.
     """
     template = points.domain
     ratios = Correspondence(points).distortion().area

@@ -10,11 +10,9 @@ from abfm.errors import ParameterError, brief, one_line
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.registration import initial
 
-CHANGE_BOUND = 0.02
-"""Default of `Settings.bound`."""
+CHANGE_BOUND = 0.02  # default of `Settings.bound`
 ROUNDS_DEFAULT = 5
-WEIGHT_MAX = 1e12
-"""Maximum weight of a subject or a channel."""
+WEIGHT_MAX = 1e12  # maximum weight of a subject or a channel
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ import numpy as np
 
 from abfm.types import BoolArray, FloatArray, IntArray
 
-Subjects: TypeAlias = Sequence[FloatArray] | FloatArray
-"""One array (V,) for each of N subjects."""
+Subjects: TypeAlias = Sequence[FloatArray] | FloatArray  # one array (V,) for each of N subjects
 _CONSTANT_DEVIATION_MAX = 1e-9  # functions that vary less, relative to their norm, are constant
 _VARIANCE_ROUNDING = 1e-14  # a smaller variance, relative to the mean square, is a rounding error
 

@@ -39,24 +39,12 @@ _DRIFT_BYTES_MAX = 1 << 32
 
 
 class TransferredSubject(NamedTuple):
-    """Values of a subject at P points of the template, by its initial map and after registration.
-
-    Attributes
-    ----------
-    before : TemplateValues
-    after : TemplateValues, optional
-        Values after registration; None if the subject is not registered.
-    log2_area : (F,) array, optional
-        log2 J of the faces of the template, if the points are its vertices.
-    verdict : str
-        Kind of the verdict of the registration.
-    facts : MapFacts
-    """
+    """Values of a subject at P points of the template, by its initial map and its registration."""
 
     before: TemplateValues
-    after: TemplateValues | None = None
-    log2_area: FloatArray | None = None
-    verdict: str = ""
+    after: TemplateValues | None = None  # None if the subject is not registered
+    log2_area: FloatArray | None = None  # (F,), log2 J of faces; None unless points are vertices
+    verdict: str = ""  # kind of the verdict of the registration
     facts: MapFacts = MapFacts()
 
 
@@ -65,33 +53,18 @@ class SubjectTransfer:
     """Computation that transfers a subject to the template.
 
     Without a registration it uses an initial map that needs no functions. With a registration it
-    also follows the flow of the mean field. The values are at vertices or at midpoints of edges.
-
-    Attributes
-    ----------
-    subject : Subject
-    template : str
-        Mesh file of the template.
-    options : mapping
-        Options of loading both meshes, see `abfm.tasks.inputs.MESH_INPUTS`.
-    initial : str
-        Method of the initial map; empty for automatic choice.
-    one_based : bool
-        Whether files of landmarks count vertices from 1.
-    registration, drift : str
-        Files of the registration and of the mean field; empty if the initial map is used.
-    at_edges : bool
-        Whether to transfer values to the midpoints of edges instead of the vertices.
+    also follows the flow of the mean field.
     """
 
     subject: Subject
-    template: str
+    template: str  # mesh file of the template
+    # options of loading both meshes, see `abfm.tasks.inputs.MESH_INPUTS`
     options: Mapping[str, Any] = field(default_factory=dict)
-    initial: str = ""
-    one_based: bool = False
-    registration: str = ""
-    drift: str = ""
-    at_edges: bool = False
+    initial: str = ""  # method of the initial map; empty for automatic choice
+    one_based: bool = False  # whether files of landmarks count vertices from 1
+    registration: str = ""  # file of the registration; empty if the initial map is used
+    drift: str = ""  # file of the mean field; empty if the initial map is used
+    at_edges: bool = False  # transfer values to the midpoints of edges instead of the vertices
 
     def files(self) -> list[str]:
         return files_renamed(self.renamed)

@@ -40,8 +40,7 @@ from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, TaskInputs
 
 ROUNDS_MAX = 1000
-AUTO_TARGET = "auto"
-"""Target of a channel whose function is chosen from the subjects."""
+AUTO_TARGET = "auto"  # target of a channel whose function is chosen from the subjects
 _CHANNEL = "NAME DST WEIGHT"
 _MEAN = "template and mean"
 
@@ -76,24 +75,13 @@ class PopulationTask(Task):
 
     The monitor's checkpoint is the folder into which the task writes the result and all
     registrations.
-
-    Attributes
-    ----------
-    cohort : Cohort
-    template : str
-        Path of the template's mesh file.
-    settings : Settings
-    key : str
-        Hash of the inputs.
-    cluster : Cluster, optional
-        Workers that solve the task; by default the cores of this machine.
     """
 
     cohort: Cohort
-    template: str
+    template: str  # path of the template's mesh file
     settings: Settings
-    key: str
-    cluster: Cluster | None = None
+    key: str  # hash of the inputs
+    cluster: Cluster | None = None  # workers; by default the cores of this machine
 
     kind: ClassVar = "population"
     needs: ClassVar = ("table", "template")

@@ -54,42 +54,21 @@ class Keys(NamedTuple):
 class Columns:
     """Values of a file, before or after they are assigned to the vertices of a mesh.
 
-    Attributes
-    ----------
-    values : array of real numbers
-        If ``vertices`` is not None, (n, C): a row for each of these vertices. Otherwise up to three
-        axes, of which any may be the vertices.
-    names : tuple of str
-        Names of the columns (the last axis); empty if the file has none.
-    numbers : tuple of str
-        Numbers by which columns are chosen; empty for 0, 1, 2, ...
-    keys : tuple of `Keys` or None
-        Names and colours of the labels of each column, or None for a column of values; empty if no
-        column has labels.
-    vertices : (n,) array of int, optional
-        Vertices of the rows, counted from 0, without repetitions.
-    vertex_count : int, optional
-        Number of vertices of the surface, if the file has this information.
-    structure : str
-        "L", "R", or empty if the file does not name a hemisphere.
-    frames_first : bool
-        Whether the first axis of a sequence has the frames, if both axes may have the vertices.
-    times : (T,) array, optional
-        Times of the columns in seconds.
-    notes : tuple of str
-        Notes for the user.
+    If ``vertices`` is not None, ``values`` are (n, C): a row for each of these vertices. Otherwise
+    they have up to three axes, of which any may be the vertices.
     """
 
     values: NDArray[Any]
-    names: tuple[str, ...] = ()
-    numbers: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # of the columns (the last axis); empty if the file has none
+    numbers: tuple[str, ...] = ()  # by which columns are chosen; empty for 0, 1, 2, ...
+    # labels of each column, None for a column of values; empty if no column has labels
     keys: tuple[Keys | None, ...] = ()
-    vertices: IntArray | None = None
-    vertex_count: int | None = None
-    structure: str = ""
-    frames_first: bool = False
-    times: FloatArray | None = None
-    notes: tuple[str, ...] = ()
+    vertices: IntArray | None = None  # (n,), vertices of the rows, from 0, without repetitions
+    vertex_count: int | None = None  # number of vertices of the surface, if the file has it
+    structure: str = ""  # "L", "R", or empty if the file does not name a hemisphere
+    frames_first: bool = False  # first axis is that of frames if both axes may be the vertices
+    times: FloatArray | None = None  # (T,), times of the columns in seconds
+    notes: tuple[str, ...] = ()  # notes for the user
 
     def __post_init__(self) -> None:
         if self.values.dtype.kind not in "biuf" or not 1 <= self.values.ndim <= _AXES_MAX:

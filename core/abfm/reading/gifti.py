@@ -49,12 +49,9 @@ _INTENTS = {
 _SIDES = {structure: side for side, structure in STRUCTURES.items()}
 _DIMENSIONS_MAX = 6
 _KEY_MAX = 2**63 - 1
-LABEL = "NIFTI_INTENT_LABEL"
-"""Intent of arrays of label keys."""
-NODE_INDEX = "NIFTI_INTENT_NODE_INDEX"
-"""Intent of arrays of the vertex numbers of rows."""
-SURFACE = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE")
-"""Intents of the arrays of a mesh."""
+LABEL = "NIFTI_INTENT_LABEL"  # intent of arrays of label keys
+NODE_INDEX = "NIFTI_INTENT_NODE_INDEX"  # intent of arrays of the vertex numbers of rows
+SURFACE = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE")  # intents of the arrays of a mesh
 
 
 class GiftiArray(NamedTuple):
@@ -68,14 +65,10 @@ class GiftiArray(NamedTuple):
 class Gifti(NamedTuple):
     """Contents of a GIFTI file."""
 
-    arrays: list[GiftiArray]
-    """Data arrays in the order of the file."""
-    names: dict[int, str]
-    """Names of labels by key."""
-    colors: dict[int, Color]
-    """Colours of labels by key."""
-    time_step: float = math.nan
-    """Time between arrays in the metadata, or NaN."""
+    arrays: list[GiftiArray]  # data arrays in the order of the file
+    names: dict[int, str]  # names of labels by key
+    colors: dict[int, Color]  # colours of labels by key
+    time_step: float = math.nan  # time between arrays in the metadata, or NaN
     structure: str = ""
     """"L" or "R" if the metadata name a hemisphere (``AnatomicalStructurePrimary``), or empty."""
 

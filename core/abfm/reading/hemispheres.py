@@ -3,8 +3,7 @@
 import os
 import re
 
-HEMISPHERES = {"L": "left", "R": "right"}
-"""Words for the hemispheres."""
+HEMISPHERES = {"L": "left", "R": "right"}  # words for the hemispheres
 STRUCTURES = {side: f"Cortex{word.title()}" for side, word in HEMISPHERES.items()}
 """``AnatomicalStructurePrimary`` of GIFTI for the cortex of each hemisphere."""
 _SIDES = {"lh": "L", "rh": "R"}

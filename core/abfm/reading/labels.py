@@ -8,10 +8,8 @@ import numpy as np
 
 from abfm.types import BoolArray, IntArray
 
-Color = tuple[float, float, float, float]
-"""Red, green, blue and opacity, each from 0 to 1."""
-NO_LABEL = -1
-"""Key of vertices without a label, unless this key has a name."""
+Color = tuple[float, float, float, float]  # red, green, blue and opacity, each from 0 to 1
+NO_LABEL = -1  # key of vertices without a label, unless this key has a name
 _UNKNOWN_NAMES = ("???", "unknown")
 
 

@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 
 from abfm.errors import brief, one_line
 
-FILE_BYTES_MAX = 4 << 30
-"""Size of the largest file that is read, in bytes."""
+FILE_BYTES_MAX = 4 << 30  # size of the largest file that is read, in bytes
 # Limits of decompressed data: this many bytes, or, if larger, this many times the compressed size.
 _INFLATED_BYTES_MIN = 64 << 20
 _INFLATION_MAX = 20

@@ -92,12 +92,9 @@ def parse_number(text: str, decimal_comma: bool = False) -> float:
 class Numbers(NamedTuple):
     """Columns of numbers of a text table."""
 
-    names: list[str]
-    """Names of the columns; empty if there are none."""
-    table: FloatArray
-    """The numbers, (n, C)."""
-    places: list[int]
-    """Index of each column in the file, (C,); columns of words are omitted."""
+    names: list[str]  # names of the columns; empty if there are none
+    table: FloatArray  # the numbers, (n, C)
+    places: list[int]  # index of each column in the file, (C,); columns of words are omitted
 
 
 def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:

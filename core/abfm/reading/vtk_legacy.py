@@ -52,8 +52,7 @@ _LINE = re.compile(rb"\s*+([^\n]{1,65536}+)")
 _WORD = re.compile(rb"\S+")
 _OFFSETS = re.compile(rb"\s*OFFSETS\s", re.IGNORECASE)
 
-Cells: TypeAlias = Polygons
-"""Number of corners of each cell, and the concatenated corners."""
+Cells: TypeAlias = Polygons  # number of corners of each cell, and the concatenated corners
 
 
 def legacy_contents(data: bytes) -> VtkFile:

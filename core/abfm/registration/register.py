@@ -352,14 +352,8 @@ def _standardized(
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool, list[str]]:
     """Standardize functions on B (C, V) that are measured or in different units.
 
-    Returns
-    -------
-    source, target : (C, V) arrays
-    source_on_a : (C, V_A) array
-        The functions of A in the units of the source.
-    measured : bool
-        Whether a channel of positive weight is measured.
-    notes : list of str
+    Return source and target, (C, V), and the functions of A in the units of the source, (C, V_A).
+    Also return whether a channel of positive weight is measured, and notes.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():

@@ -52,16 +52,9 @@ class SymmetricRegistration(Correspondence):
     """The mean of a registration of A to B and one of B to A.
 
     If both maps take a vertex to different points, the mean is the point of the surface closest to
-    their midpoint in space.
-
-    Parameters
-    ----------
-    points, back : PointMap
-        Maps from B to A, and from A to B.
-    asymmetry : (V_B,) array
-        Distance in space between the images of each vertex of B by both maps, in sqrt(area) of A.
-    facts : Facts
-        Facts of the direction with the worse outcome.
+    their midpoint in space. ``points`` and ``back`` are the maps from B to A, and from A to B.
+    ``asymmetry`` (V_B,) is the distance in space between the images of each vertex of B by both
+    maps, in sqrt(area) of A. ``facts`` are those of the direction with the worse outcome.
     """
 
     def __init__(
@@ -159,15 +152,7 @@ def _lines(found: SymmetricRegistration) -> list[str]:
 
 @dataclass(frozen=True)
 class SymmetricTask(Task):
-    """Register A to B and B to A, and average both maps.
-
-    Attributes
-    ----------
-    forward, backward : RegistrationTask
-        Registrations of A to B, and of B to A.
-    key : str
-        Name of the result.
-    """
+    """Register A to B and B to A, and average both maps; ``key`` is the name of the result."""
 
     forward: RegistrationTask
     backward: RegistrationTask

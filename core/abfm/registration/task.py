@@ -166,27 +166,16 @@ initial map.
 
 @dataclass(frozen=True)
 class RegistrationTask(Task):
-    """Register surface A to surface B.
-
-    Attributes
-    ----------
-    a, b : TriangleMesh
-    key : str
-        Name of the result, as the problem on B is known only after the initial map.
-    options : mapping of str
-        Other arguments of `abfm.registration.prepare`.
-    parameters : mapping of str
-        Parameters that the user set; the defaults of the others depend on the functions.
-    max_distortion : float, optional
-        Bound of the distortion, see `abfm.registration.limit_distortion`.
-    """
+    """Register surface A to surface B."""
 
     a: TriangleMesh
     b: TriangleMesh
-    key: str
+    key: str  # name of the result, as the problem on B is known only after the initial map
+    # other arguments of `abfm.registration.prepare`
     options: Mapping[str, Any] = field(default_factory=dict)
+    # parameters that the user set; the defaults of the others depend on the functions
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    max_distortion: float | None = None
+    max_distortion: float | None = None  # see `abfm.registration.limit_distortion`
 
     kind: ClassVar = "registration"
     summary: ClassVar = "register one surface to another by functions or landmarks on both"

@@ -9,8 +9,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.sequences.frames import Frames
 from abfm.types import BoolArray, FloatArray
 
-NOISE_FACTOR = 1.3
-"""Largest residual, relative to that of noise, that counts as noise."""
+NOISE_FACTOR = 1.3  # largest residual, relative to that of noise, that counts as noise
 # A field explains too little if its residual exceeds this share of the initial residual, or of the
 # residual of a flattened function.
 _RESIDUAL_SHARE_MAX = 0.6

@@ -56,8 +56,7 @@ from abfm.types import BoolArray, File, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, current_control
 from abfm.workers.progress import step, stepped
 
-GAMMA = 1.0
-"""Default weight of the difference between neighbouring fields."""
+GAMMA = 1.0  # default weight of the difference between neighbouring fields
 GAMMA_MAX = 1e6
 _THREADS = 2  # threads that trace flow lines; one thread does the other work
 

@@ -57,19 +57,13 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class Posterior(NamedTuple):
-    """Covariances of fields, and the shares that frames determine.
+    """Covariances of fields, and the shares that frames determine."""
 
-    Attributes
-    ----------
-    covariances : (T - 1, F, 2, 2) array
-        Covariance of the velocity on each face, in the face frames (`abfm.calculus.face_frames`)
-        and the square of the velocity's unit. Infinite if nothing determines the velocity.
-    determined : (T - 1, F) array
-        Share of the squared velocity that the frames determine.
-    """
-
+    # (T - 1, F, 2, 2), of the velocity in the face frames (`abfm.calculus.face_frames`) and the
+    # square
+    # of its unit; infinite if nothing determines the velocity
     covariances: FloatArray
-    determined: FloatArray
+    determined: FloatArray  # (T - 1, F), share of the squared velocity that the frames determine
 
 
 def posterior(sequence: Solution) -> Posterior:

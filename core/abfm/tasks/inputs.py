@@ -54,8 +54,7 @@ Channels:
   channel of weight 1. All channels have the same flow.
 """
 _CHANNEL = "SRC DST WEIGHT"
-Rename = Callable[[str], str]
-"""A function that returns another name for a file."""
+Rename = Callable[[str], str]  # a function that returns another name for a file
 
 
 def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
@@ -88,46 +87,22 @@ def hint(text: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Input:
-    """An input of a task: a column of tables, and an option of the task's command.
+    """An input of a task: a column of tables, and an option of the task's command."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the column, and of the option after ``--``.
-    help : str
-        Help text of the option, one line for ``--help``.
-    read : callable
-        Function that parses a text and returns its value, or raises an AbfmError.
-    metavar : str
-        Name of the value in ``--help``, one word for each value of the option. The name is empty
-        for a flag, whose text is "yes".
-    group : str
-        Heading of the option in ``--help``.
-    default : str
-        Default value as shown in ``--help``; empty if none is shown.
-    without_value : str
-        Text that an option without a value stands for; empty if the option needs a value.
-    renamed : callable
-        Function that replaces the file names in a text.
-    repeats : bool
-        Whether the option can be repeated.
-    is_argument : bool
-        Whether the command accepts it as a positional argument.
-    is_rare : bool
-        Whether the command accepts it only as ``--set NAME=VALUE``.
-    """
-
-    name: str
-    help: str
-    read: Callable[[str], Any] = str
+    name: str  # of the column, and of the option after ``--``
+    help: str  # one line for ``--help``
+    read: Callable[[str], Any] = str  # parses a text and returns its value, or raises an AbfmError
+    # name of the value in ``--help``, one word for each value; empty for a flag, whose text is
+    # "yes"
     metavar: str = ""
-    group: str = ""
-    default: str = ""
-    without_value: str = ""
+    group: str = ""  # heading in ``--help``
+    default: str = ""  # default value as shown in ``--help``; empty if none is shown
+    without_value: str = ""  # text of an option without a value; empty if it needs a value
+    # replaces the file names in a text
     renamed: Callable[[str, Rename], str] = lambda text, rename: text
-    repeats: bool = False
-    is_argument: bool = False
-    is_rare: bool = False
+    repeats: bool = False  # whether the option can be repeated
+    is_argument: bool = False  # whether the command accepts it as a positional argument
+    is_rare: bool = False  # whether the command accepts it only as ``--set NAME=VALUE``
 
 
 def by_name(inputs: Iterable[Input]) -> dict[str, Input]:

@@ -70,8 +70,7 @@ class Table(NamedTuple):
 class ResultFile(NamedTuple):
     """Functions that recognize and read the files of one type of result."""
 
-    required_entries: frozenset[str]
-    """Entries of a file that together identify this type of result."""
+    required_entries: frozenset[str]  # entries of a file that together identify this type of result
     load: Callable[..., Any]
     """Load a result; ResultError if the file is missing, damaged or of another type."""
     facts: Callable[[Path], Facts]
@@ -89,8 +88,7 @@ class Report(NamedTuple):
 
     details: Callable[[Any], dict[str, Any]]
     """Return all reported values as plain numbers and texts; None if a value is unknown."""
-    lines: Callable[[Any], list[str]]
-    """Return the lines of the printed report."""
+    lines: Callable[[Any], list[str]]  # return the lines of the printed report
     advice: Callable[[Any, str], str] = _advice
     """Return what to try next. The text is the path of the result; empty without a file."""
 
@@ -116,51 +114,24 @@ class Task(ABC):
     A subclass declares a type of task. Its inputs become options of a command and columns of
     tables; its exports become formats of files. Views use only this declaration, never the
     subclass.
-
-    Attributes
-    ----------
-    kind : str
-        Name of the type of task.
-    summary, description, details : str
-        Help of the command that solves the task: one line, a short text with examples, and the long
-        explanations that only ``--help-all`` prints.
-    output_help : str
-        Help of the option ``--out``.
-    inputs : tuple of Input
-        Inputs in the order of ``--help-all``.
-    main_options : tuple of str
-        Names of the options that ``--help`` shows.
-    needs : tuple of str
-        Names of the required inputs. The first one identifies the type of task of a row.
-    result : type
-        Type of the task's results.
-    file : ResultFile
-    report : Report
-    exports : mapping of str to Export
-        Formats of data files by suffix, in addition to ``.npz``.
-    key : str
-        Key of the task's row, which names the result unless the subclass overrides `digest`.
-    tables : mapping of str to Table
-        Tables of a result, by the option that names the file.
-    preview_labels : tuple of str
-        Labels of the functions in a small picture of a result.
     """
 
-    kind: ClassVar[str]
-    summary: ClassVar[str] = ""
-    description: ClassVar[str] = ""
-    details: ClassVar[str] = ""
-    output_help: ClassVar[str] = ""
-    inputs: ClassVar[tuple[Input, ...]]
-    main_options: ClassVar[tuple[str, ...]] = ()
-    needs: ClassVar[tuple[str, ...]]
-    result: ClassVar[type[Any]]
+    kind: ClassVar[str]  # name of the type of task
+    summary: ClassVar[str] = ""  # help of the command, one line
+    description: ClassVar[str] = ""  # help of the command, a short text with examples
+    details: ClassVar[str] = ""  # long explanations that only ``--help-all`` prints
+    output_help: ClassVar[str] = ""  # help of the option ``--out``
+    inputs: ClassVar[tuple[Input, ...]]  # inputs in the order of ``--help-all``
+    main_options: ClassVar[tuple[str, ...]] = ()  # names of the options that ``--help`` shows
+    needs: ClassVar[tuple[str, ...]]  # names of required inputs; the first one identifies the type
+    result: ClassVar[type[Any]]  # type of the results
     file: ClassVar[ResultFile]
     report: ClassVar[Report]
-    exports: ClassVar[Mapping[str, Export]] = {}
-    tables: ClassVar[Mapping[str, Table]] = {}
+    exports: ClassVar[Mapping[str, Export]] = {}  # formats by suffix, in addition to ``.npz``
+    tables: ClassVar[Mapping[str, Table]] = {}  # tables by the option that names the file
+    # labels of the functions in a small picture of a result
     preview_labels: ClassVar[tuple[str, ...]] = ("source", "advected", "target")
-    key: str
+    key: str  # key of the row; it names the result unless the subclass overrides `digest`
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:

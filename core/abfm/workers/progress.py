@@ -30,22 +30,12 @@ _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 
 @dataclass(frozen=True)
 class Step:
-    """A step of long-running work.
-
-    Attributes
-    ----------
-    expected : float or None
-        Expected duration of the step in seconds; None if unknown.
-    done : float or None
-        Completed share of the step, from 0 to 1; None if it is not counted.
-    began : float
-        Start of the step, by `time.monotonic`.
-    """
+    """A step of long-running work."""
 
     task: str
-    expected: float | None = None
-    done: float | None = None
-    began: float = field(default_factory=time.monotonic)
+    expected: float | None = None  # duration in seconds; None if unknown
+    done: float | None = None  # completed share, 0 to 1; None if it is not counted
+    began: float = field(default_factory=time.monotonic)  # start, by `time.monotonic`
 
     def share(self, now: float | None = None) -> float | None:
         """Return the completed share, 0 to 1, at a time; None if it is unknown. It never falls."""

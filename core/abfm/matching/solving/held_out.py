@@ -28,19 +28,11 @@ _DISTANCE_ROUNDING = 1e-9  # tolerance of equal distances, relative to the size 
 def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
     """Find the sigma with the smallest score by a parabola through three steps.
 
-    Parameters
-    ----------
-    sigmas, scores : (3,) arrays
-        Sigma and score of three steps with decreasing sigma; the second one has the smallest score.
+    The steps have decreasing ``sigmas`` (3,), and the second one has the smallest of the ``scores``
+    (3,). Return the minimum in ``log sigma``, and the weights (3,) that interpolate values of the
+    three steps there. The result is None if a score is not finite, or if the parabola has no
+    minimum.
 
-    Returns
-    -------
-    (float, (3,) array) or None
-        The minimum in ``log sigma``, and the weights that interpolate values of the three steps
-        there. None if a score is not finite, or if the parabola has no minimum.
-
-    Notes
-    -----
     An error e of the scores changes sigma by a factor of about ``exp(e / (2 a h))``. Here ``2 a``
     is the curvature, and ``h`` the distance of steps in ``log sigma``. Without interpolation, sigma
     would change by a complete step. Scale and offset of the scores have no effect.

@@ -44,18 +44,12 @@ CONSTANT_SHARE = 1e-9
 class FunctionTerm:
     """The data term of a source f and a target g, (V,) or (V, C), on a mesh of unit area.
 
-    The mask (V,) refers to the vertices of the mesh or of its file. Weights are (C,), and all 0 if
-    the functions are only advected. ``approximate`` functions match only approximately, such as
-    descriptors of two shapes. AbfmError if shapes or values are wrong.
-
-    Attributes
-    ----------
-    source, target : (C, V) arrays
-    areas : (V,) array
-        Areas of the vertices times the mask.
-    function_size : float
-        The larger L2 norm of source and target minus their means, over all channels; 1 if both are
-        constant.
+    The attributes ``source`` and ``target`` are (C, V), and ``areas`` (V,) are those of the
+    vertices times the mask. ``function_size`` is the larger L2 norm of source and target minus
+    their means, over all channels; 1 if both are constant. The mask (V,) refers to the vertices of
+    the mesh or of its file. Weights are (C,), and all 0 if the functions are only advected.
+    ``approximate`` functions match only approximately, such as descriptors of two shapes. AbfmError
+    if shapes or values are wrong.
     """
 
     name = "closeness"

@@ -24,8 +24,7 @@ class Material(NamedTuple):
     color: Color = WHITE
     wraps: tuple[Wrap, Wrap] = ("repeat", "repeat")
     """Continuation of the image beyond its borders, horizontally and vertically."""
-    alpha_mode: str = "OPAQUE"
-    """Use of the opacity, as in glTF: OPAQUE, MASK or BLEND."""
+    alpha_mode: str = "OPAQUE"  # use of the opacity, as in glTF: OPAQUE, MASK or BLEND
 
 
 class ColoredFaces(NamedTuple):
@@ -35,10 +34,8 @@ class ColoredFaces(NamedTuple):
     faces: IntArray
     coordinates: FloatArray
     """(F, 3, 2) to the right and up, from 0 to 1 over the image; NaN if there are none."""
-    colors: FloatArray
-    """(F, 3, 4) factors of the colour of the material."""
-    owners: IntArray
-    """(F,) the material of each face."""
+    colors: FloatArray  # (F, 3, 4) factors of the colour of the material
+    owners: IntArray  # (F,) the material of each face
     materials: tuple[Material, ...]
 
 

@@ -24,10 +24,8 @@ class FileContents(NamedTuple):
 
     vertices: FloatArray
     faces: IntArray
-    messages: tuple[str, ...] = ()
-    """Changes, one line each."""
-    side: str = ""
-    """The hemisphere, "L" or "R", if the file has this information."""
+    messages: tuple[str, ...] = ()  # changes, one line each
+    side: str = ""  # the hemisphere, "L" or "R", if the file has this information
 
 
 class Lists:

@@ -63,16 +63,11 @@ _Column = tuple[NDArray[Any], IntArray | None]
 class PlyFile(NamedTuple):
     """Contents of a PLY file."""
 
-    vertices: FloatArray
-    """(V, 3) positions."""
-    sizes: IntArray
-    """(P,) number of corners of each polygon."""
-    corners: IntArray
-    """Concatenated corners of the polygons."""
-    columns: PointData
-    """Other values of the vertices, (V,), by name."""
-    colors: FloatArray | None
-    """(V, 4) red, green, blue and opacity from 0 to 1, or None."""
+    vertices: FloatArray  # (V, 3) positions
+    sizes: IntArray  # (P,) number of corners of each polygon
+    corners: IntArray  # concatenated corners of the polygons
+    columns: PointData  # other values of the vertices, (V,), by name
+    colors: FloatArray | None  # (V, 4) red, green, blue and opacity from 0 to 1, or None
 
 
 def read_ply(opened: Opened) -> FileContents:

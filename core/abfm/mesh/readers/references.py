@@ -6,8 +6,7 @@ from pathlib import Path
 from abfm.errors import brief
 from abfm.reading import read_bytes, referenced_file
 
-BYTES_MAX = 1 << 28
-"""Total size of the files that a file refers to."""
+BYTES_MAX = 1 << 28  # total size of the files that a file refers to
 
 
 class References:

@@ -57,21 +57,13 @@ class SpectralSearch:
     The search compares distances along the surfaces, not their bending. If a surface is nearly
     symmetric, several maps are nearly isometries. Maps that preserve the orientation rank first,
     which distinguishes left from right. Maps with smaller differences of mean curvature rank first,
-    which distinguishes front from back. AbfmError if a mesh has too few vertices, or a function
-    does not fit its mesh.
+    which distinguishes front from back.
 
-    Parameters
-    ----------
-    landmarks : Landmarks, optional
-        One or two landmarks help to choose between maps. Three or more landmarks also determine a
-        start of the search.
-    functions : pair of (V_A,) or (V_A, C) and (V_B,) or (V_B, C) arrays, optional
-        Functions with equal values at corresponding points.
-
-    Attributes
-    ----------
-    maps : list of (k, k) arrays
-        Functional maps in the first eigenfunctions of the meshes, or of coarser meshes.
+    One or two ``landmarks`` help to choose between maps; three or more also determine a start of
+    the search. ``functions``, (V_A,) or (V_A, C) and (V_B,) or (V_B, C), have equal values at
+    corresponding points. The attribute ``maps`` has functional maps (k, k) in the first
+    eigenfunctions of the meshes, or of coarser meshes. AbfmError if a mesh has too few vertices, or
+    a function does not fit its mesh.
     """
 
     maps: list[FloatArray]

@@ -22,8 +22,7 @@ from abfm.registration.initial.sphere_rotations import (
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-LANDMARKS_MIN = 3
-"""Smallest number of landmarks that determine an initial map."""
+LANDMARKS_MIN = 3  # smallest number of landmarks that determine an initial map
 LANDMARK_WEIGHT = 5.0  # cost of a mean landmark error of sqrt(area)
 # Costs in units of correlation. Subjects on the same mesh are mostly aligned already, so another
 # map must be clearly better than that by vertex numbers.

@@ -31,19 +31,12 @@ It compares the rates of change of the frame between the intervals, relative to 
 
 
 class MotionEvidence(NamedTuple):
-    """The share of motion that held-out frames confirm.
+    """The share of motion that held-out frames confirm."""
 
-    Attributes
-    ----------
-    share : float
-        Factor, from 0 to 1, of the change that motion makes to the linear blend of two frames. It
-        is the factor that best explains a held-out frame between them. NaN if unknown.
-    is_motion : bool
-        False if motion certainly does not explain the held-out frames.
-    """
-
+    # factor, 0 to 1, of the change that motion makes to the linear blend of two frames. This factor
+    # best explains a held-out frame between them. NaN if unknown.
     share: float = np.nan
-    is_motion: bool = True
+    is_motion: bool = True  # False if motion certainly does not explain the held-out frames
 
 
 def motion_evidence(solver: SequenceSolver) -> MotionEvidence:

@@ -90,19 +90,11 @@ def _noted(found: FramesFile) -> FramesFile:
 def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     """Return frames (T, V) or (T, V, C), and their times if an object has them.
 
-    The axis of the vertices has as many entries as the mesh or its file has vertices. If several
-    axes do, the second is used, with a note.
-
-    Parameters
-    ----------
-    given : array or object
-        Frames: an input of `abfm.functions.as_values` with a column for each frame, a list of
-        frames, or the name of a file. In pandas objects, either rows or columns are vertices.
-
-    Raises
-    ------
-    FunctionError
-        If the values are not real numbers, or do not fit the mesh.
+    The argument is an input of `abfm.functions.as_values` with a column for each frame, a list of
+    frames, or the name of a file. In pandas objects, either rows or columns are vertices. The axis
+    of the vertices has as many entries as the mesh or its file has vertices. If several axes have
+    this size, the second one is used, with a note. FunctionError if the values are not real
+    numbers, or do not fit the mesh.
     """
     if isinstance(given, str | os.PathLike):
         return read_frames(given, mesh)

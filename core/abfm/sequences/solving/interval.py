@@ -27,8 +27,7 @@ _STEP_LENGTH_MIN = 0.1
 _ITERATIONS_MIN = 4
 _ITERATIONS_MAX = 60
 _RESIDUAL_SHARE = 0.25  # conjugate gradients stop at this share of their first residual
-COOLING_FACTOR = 3.0
-"""Ratio of consecutive sigmas."""
+COOLING_FACTOR = 3.0  # ratio of consecutive sigmas
 
 Apply = Callable[[FloatArray], FloatArray]
 

@@ -19,8 +19,7 @@ from abfm.maps.functional_maps import nearest
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray
 
-ENDS_MIN = 3
-"""Smallest number of ends that determine a map."""
+ENDS_MIN = 3  # smallest number of ends that determine a map
 _ENDS_MAX = 6
 _RADIUS = 0.25  # sqrt(area), within which the mean distance of an end is the largest
 _AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area), radii of the discs whose areas are compared

@@ -52,19 +52,11 @@ def relax(
     """Relax a map by alternating minimisation.
 
     One step minimises over the images in coordinates, by a linear system in each direction. The
-    other one minimises over the vertices to which the images are rounded.
-
-    Parameters
-    ----------
-    descriptors : (V_A, C) and (V_B, C) arrays
-        Functions that rounding should preserve.
-    weight : float
-        Weight of the squared difference of the descriptors.
-    penalties : iterable of float
-        Weights of the distance between images and the vertices to which they are rounded,
-        ascending, relative to `REVERSIBILITY`.
-    iterations : int
-        Number of alternating steps for each penalty.
+    other step minimises over the vertices to which the images are rounded. Both are repeated
+    ``iterations`` times for each penalty. The ``penalties`` are ascending weights of the distance
+    between images and the vertices to which they are rounded, relative to `REVERSIBILITY`.
+    ``weight`` is that of the squared difference of the ``descriptors``, (V_A, C) and (V_B, C),
+    functions that rounding should preserve.
     """
     (to_a, to_b, images), on_a, on_b = start, *descriptors
     of_descriptors = np.sqrt(weight)
