@@ -1,7 +1,4 @@
-"""The window, the pictures and the command line of abfm.
-
-They draw and take input; the mathematics is in `abfm`.
-"""
+"""The window, the pictures and the command line of abfm; the mathematics is in `abfm`."""
 
 import os
 

@@ -108,7 +108,7 @@ def mapped(
 ) -> Iterator[Result]:
     """Yield the results of a module-level function for each argument, in order.
 
-    They are computed by ``jobs`` processes of one thread each, by default one per core.
+    Results are computed by ``jobs`` processes of one thread each, by default one per core.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(arguments))
     if jobs <= 1:

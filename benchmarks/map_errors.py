@@ -61,7 +61,7 @@ class Trial:
         return np.asarray(f / np.sqrt(np.average(f**2, weights=areas)))
 
     def flow(self) -> Flow:
-        """Return a random smooth flow, whose time is 1."""
+        """Return a random smooth flow from time 0 to 1."""
         rng, mesh = np.random.default_rng([*self.seed, 1]), self.mesh.normalized()
         norm = regularizer(mesh, self.smoothness, 2)
         areas = norm.mass[::2]

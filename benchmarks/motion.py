@@ -100,8 +100,8 @@ def compared(
 ) -> FloatArray:
     """Return errors (1 + S, 2) of Horn-Schunck and of S sequences of the same frames.
 
-    They are means over the intervals. Horn-Schunck has the smoothness for which the product of
-    both errors is least.
+    Errors are means over the intervals. Horn-Schunck has the smoothness for which the product of
+    both errors is smallest.
     """
     mesh, frames, intervals = found[0].mesh, found[0].frames[:, :, 0], range(len(found[0]))
     linear = [
@@ -118,7 +118,8 @@ def compared(
 def error_cells(errors: FloatArray) -> list[str]:
     """Return errors (M, 2) as cells: angles, then speeds.
 
-    The first error, of the baseline, is bold if it is less than the last, of the defaults.
+    The error of the baseline, the first one, is bold if it is smaller than that of the defaults,
+    the last one.
     """
     found = []
     for form, column in (("{:.1f}°", errors[:, 0]), ("{:.1f}%", 100 * errors[:, 1])):

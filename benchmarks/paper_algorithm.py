@@ -1,7 +1,7 @@
 """The paper's algorithm as published: Algorithm 1 with the substeps of section 7 and plain L-BFGS.
 
-It is the baseline of the solver. The exponentials are those of SciPy's port of [AMH11]; SciPy's
-L-BFGS-B without bounds replaces minFunc.
+This algorithm is the baseline of the solver. The exponentials are those of SciPy's port of [AMH11];
+SciPy's L-BFGS-B without bounds replaces minFunc.
 """
 
 from dataclasses import dataclass

@@ -333,7 +333,7 @@ def report_text(report: Report) -> str:
 
 
 def _groups(rows: list[Report]) -> dict[str, list[Report]]:
-    """Return rows by the values of each of `GROUPS`; false and empty values have no group."""
+    """Return rows by the values of each of `GROUPS`, without false and empty values."""
     groups = {"all": rows}
     for keys in GROUPS:
         for row in rows:

@@ -2,7 +2,7 @@
 
     python -m benchmarks.waves --write docs/sequences.md --picture docs/images/waves.png
 
-The default surface is the left white surface of fsaverage5 of nilearn.
+By default, the surface is the left white surface of fsaverage5, which nilearn contains.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ _PHASES = {"travelling": 1, "rotating": 2, "source and sink": 4}
 def wave(mesh: TriangleMesh, kind: str, displacement: float) -> KnownMotion:
     """Return a wave of a kind.
 
-    Its field is the gradient of an eigenfunction, turned by 90 degrees for a rotating wave. The
-    field is constant in time and advects the phase along its flow lines.
+    The field of a wave is the gradient of an eigenfunction, turned by 90 degrees for a rotating
+    wave. The field is constant in time and advects the phase along its flow lines.
     """
     basis, edge = eigenbasis(mesh, 5)[1], edge_length(mesh)
     slope = slopes(mesh, basis[:, _FIELDS[kind]])

@@ -397,9 +397,9 @@ def write_summary(
 ) -> tuple[list[Path], str]:
     """Write ``summary.csv``, in the order of the rows, and ``summary.html``, worst rows first.
 
-    The page shows the rows of `worst`. If ``report`` is given, missing pictures are drawn and
-    stored in a subfolder; ``report`` is called with their progress. Return the paths, and the
-    reason for missing pictures, or an empty text.
+    If ``report`` is given, missing pictures of rows on the page are drawn and stored in a
+    subfolder; ``report`` is called with their progress. Return the paths of the written files, and
+    the reason for missing pictures, or an empty text.
     """
     table, shown_page = folder / "summary.csv", folder / "summary.html"
     _write_table(table, rows)

@@ -108,8 +108,8 @@ def row_progress(
 ) -> Iterator[Callable[[str], None]]:
     """Yield a function to call with a line of text for each finished row.
 
-    If ``count`` is 0, rows are not counted, and only terminals show progress. Steps whose names
-    begin with one of the words ``reported`` are shown as well.
+    If the ``count`` of rows is 0, they are not counted, and only terminals show progress. Steps
+    whose names begin with a word of ``reported`` are shown as well.
     """
     done = 0
 

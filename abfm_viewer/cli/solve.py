@@ -44,7 +44,8 @@ class Command:
     def run(self, arguments: argparse.Namespace) -> int:
         """Solve the task, write and print the result, and return the exit status.
 
-        It is 3 if the target was not reached, and 128 plus the number of a received signal.
+        The exit status is 3 if the target was not reached, and 128 plus the number of the signal
+        after a signal.
         """
         task = self.task
         row = row_of(arguments, task)

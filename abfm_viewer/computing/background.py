@@ -119,9 +119,9 @@ class Latest(Generic[Value]):
     def newest(
         self, subject: object, compute: Callable[..., Value], *arguments: object
     ) -> Value | None:
-        """Request ``compute(*arguments)``; until it is done, return the last value of the subject.
+        """Request ``compute(*arguments)``; return its value, or an earlier value of the subject.
 
-        None if there is no earlier value of the same subject.
+        The result is None if the subject, such as a mesh, has no earlier value.
         """
         found = self.request((subject, arguments), partial(compute, *arguments))
         with self._condition:

@@ -81,8 +81,8 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     """Return how much each vertex, or a Gaussian around it, faces the viewer, (V,).
 
-    The value is a cosine: that of the vertex or the mean around it, whichever is smaller. The mean
-    is over a sample of vertices without those on the opposite side of thin parts.
+    How much a vertex faces the viewer is a cosine: its own or the mean around it, whichever is
+    smaller. The mean is over a sample of vertices without those on the opposite side of thin parts.
     """
     from scipy.spatial import KDTree  # imported late: the first frame does not need it
 

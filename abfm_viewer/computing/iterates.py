@@ -1,7 +1,4 @@
-"""A match in a subprocess.
-
-It reports all iterates, and some of them with pictures. The window can request fields.
-"""
+"""A match in a subprocess, which reports all iterates, and some of them with pictures."""
 
 from __future__ import annotations
 
@@ -89,8 +86,8 @@ def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None
 def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
     """Solve the task and report every iterate.
 
-    The first iterate and some others are reported with their pictures. From time to time the best
-    iterate is reported again, with its fields.
+    The first iterate and some others are reported with pictures. From time to time the best iterate
+    is reported again, with its fields.
     """
     before = max(cache, default=0)
     for earlier in cache.keys() - {before}:

@@ -67,8 +67,8 @@ class Process:
     ) -> Value:
         """Return the result of a function.
 
-        If the process ends, the function is called again, at most ``tries`` times in all. Raises
-        `WorkerEndedError` if the process ended each time.
+        If the subprocess ends during a call, the function is called again, at most ``tries`` times
+        in all. Raises `WorkerEndedError` if the subprocess ended each time.
         """
         for _ in range(1, tries):
             with suppress(WorkerEndedError):

@@ -53,8 +53,8 @@ class Comparison:
     def unknown(self, slot: str, channel: int) -> BoolArray | None:
         """Return where the function of a slot has no values and was filled in.
 
-        The mask has shape (V,), or (F,) for areas. It is None if the function has all values, or
-        for other slots.
+        The mask of these places has shape (V,), or (F,) for areas. The result is None if the
+        function has all values, or for slots that do not show the comparison.
         """
         values_of = {
             "source": lambda: self.population.values[self.subject, :, channel],

@@ -1,7 +1,7 @@
 """Kinds of documents: match, pair of surfaces, subject of a population, sequence of frames.
 
-Each kind has fields for the user's input, the result and the view. It implements the interface of
-`Document` that the window uses.
+Each kind of document has fields for the user's input, the result and the view. Each implements the
+interface `Document`, which the window uses.
 """
 
 from __future__ import annotations
@@ -427,8 +427,8 @@ class SequenceDocument(Document):
     def view_of_result(self, view: View) -> View:
         """Return the view with tracks and arrows.
 
-        Arrows are not added if the view shows the flow in another form. Nothing is added if the
-        user turned off showing the flow after matches.
+        Arrows are not added if the view already shows the flow. Nothing is added if the user turned
+        off showing the flow after matches.
         """
         found = self.result
         if found is None or not (view.flow_after_match and found.velocity.any()):

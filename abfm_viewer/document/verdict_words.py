@@ -31,10 +31,7 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
 
 
 def numbers_text(match: abfm.Match) -> str:
-    """Return ``Residual 0.012, 0.03 along flow lines``.
-
-    For landmarks alone, whose errors are listed elsewhere, return the share of folded faces.
-    """
+    """Return ``Residual 0.012, 0.03 along flow lines``; for landmarks alone folded faces."""
     if not match.problem.is_of_landmarks:
         return f"Residual {abfm.matching.residual_text(match)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"

@@ -18,8 +18,8 @@ STATE_VARIABLE = "ABFM_STATE_FOLDER"
 class StateFolder:
     """Folder for the state of the app between launches.
 
-    The default is the environment variable ABFM_STATE_FOLDER or the system's folder for state. If
-    the folder cannot be read or written, nothing is remembered.
+    By default it is that of the environment variable ABFM_STATE_FOLDER, or the system's folder for
+    state. If the folder cannot be read or written, nothing is remembered.
     """
 
     def __init__(self, path: Path | None = None) -> None:

@@ -93,8 +93,8 @@ class DocumentRenderer:
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
         """Return the picture at a time, turned by an angle, with streaks at a phase from 0 to 1.
 
-        It is RGB, or RGBA if transparent. Raises `AbfmError` if the time is outside the time bar,
-        or the flow cannot be computed to this time.
+        The picture is RGB, or RGBA if transparent. Raises `AbfmError` if the time is outside the
+        time bar, or the flow cannot be computed to this time.
         """
         self._go_to(time)
         self._session.player.phase = phase
@@ -114,8 +114,8 @@ class DocumentRenderer:
     ) -> Iterator[Pixels]:
         """Yield the frames (H, W, 3) of a movie between two times.
 
-        Meanwhile the surfaces turn by an angle of ``turntable`` degrees, and streaks repeat their
-        phases ``cycles`` times. The movie can be repeated without a jump of the streaks.
+        During the movie the surfaces turn by ``turntable`` degrees, and streaks repeat their phases
+        ``cycles`` times. The movie can be repeated without a jump of the streaks.
         """
         if self._document.view.error:
             self._scene.painter.largest_error = max(map(self._error, (start, end)))

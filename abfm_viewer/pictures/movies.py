@@ -33,9 +33,9 @@ def write_movie(
 ) -> None:
     """Write an MP4 (H.264, 4:2:0, BT.709) or an endless GIF with one palette.
 
-    The file is written completely or not at all. The format MP4 needs even sizes, so the last row
-    or column of a picture of odd size is dropped. A GIF counts time in hundredths of a second, so
-    the durations of its frames may differ by one.
+    A movie is written completely or not at all. The format MP4 needs even sizes, so the last row or
+    column of a picture of odd size is dropped. A GIF counts time in hundredths of a second, so the
+    durations of its frames may differ by one.
 
     ``frames`` are sRGB pictures of one size, (H, W, 3) of uint8, which are read one by one. ``fps``
     is 0.1 to 120, for a GIF to 50. ``on_frame`` is called with the number of written frames; an

@@ -52,7 +52,7 @@ def cameras(
 ) -> dict[TriangleMesh, Camera]:
     """Return a camera for each mesh that shows its sources and targets.
 
-    Its aspect is that of the mesh, limited to the minimum and maximum ``aspects``.
+    The aspect of a camera is that of the mesh, limited to the minimum and maximum ``aspects``.
     """
     fronts: dict[TriangleMesh, Front] = {}
     for panel in _panels(sheet):
@@ -155,8 +155,8 @@ def _panels(sheet: Sheet) -> list[Panel]:
 def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
     """Return the range of each colour bar, by title, in the order of their first use.
 
-    It is the range of sources and targets, if there are any. Values outside it have the colour of
-    its end.
+    A colour bar has the range of sources and targets, if there are any. Values outside it have the
+    colour of its end.
     """
     every: dict[str, list[FloatArray]] = defaultdict(list)
     ends: dict[str, list[FloatArray]] = defaultdict(list)
@@ -201,8 +201,8 @@ def _function(panel: Panel) -> tuple[str, FloatArray | None]:
 def _outside(vertices: FloatArray, positions: FloatArray) -> float:
     """Return the largest distance of positions (V, 3) outside the vertices' bounding box.
 
-    It is relative to the extent of the box in this direction, or at least to a hundredth of its
-    largest extent.
+    Each distance is relative to the extent of the box in its direction, but at least to a hundredth
+    of the largest extent.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = np.maximum(high - low, 0.01 * (high - low).max())

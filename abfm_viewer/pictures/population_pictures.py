@@ -1,7 +1,4 @@
-"""Pictures of a population on its template, from two opposite sides.
-
-They show means, deviations, changes of areas, and outliers.
-"""
+"""Pictures of a population on its template: means, deviations, area changes, outliers."""
 
 from __future__ import annotations
 

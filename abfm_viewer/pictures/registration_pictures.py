@@ -1,7 +1,4 @@
-"""Pictures of a registration from two opposite sides.
-
-They show its functions, the map as a checkerboard, and the distortion of areas and shapes.
-"""
+"""Pictures of a registration: functions, the map as a checkerboard, and distortions."""
 
 from __future__ import annotations
 
@@ -53,7 +50,7 @@ def registration_pictures(
 ) -> RegistrationPictures:
     """Return the pictures of a registration, or of a map without functions.
 
-    The width is in pixels. ``distortion`` is that of the map. ``report`` is called with the name of
+    ``width`` is in pixels, ``distortion`` is that of the map. ``report`` is called with the name of
     the next picture and the share that is done. Raises `DrawingError` if the machine cannot draw.
     """
     front_of_a, front_of_b = fronts(found, up)
@@ -101,11 +98,7 @@ def _functions(found: Registration) -> list[Row]:
 
 
 def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
-    """Return the pictures of the map.
-
-    They are a checkerboard that is regular in the front view of A, its image on B, and the
-    distortion of the faces of B.
-    """
+    """Return pictures of the map: a checkerboard on A, its image on B, and the distortion on B."""
     places = found.a.vertices @ front.axes[:2].T
     low, extent = places.min(axis=0), np.ptp(places, axis=0).max()
     board = (places - low) * (0.5 * _SQUARES / extent)

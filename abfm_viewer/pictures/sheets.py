@@ -139,11 +139,12 @@ def match_picture(
     channel: int = 0,
     up: Up | None = None,
 ) -> Image.Image:
-    """Return a sheet of a match: source, advected source and target.
+    """Return a sheet of a match: the source, the source at times of the flow, and the target.
 
-    Their frames are blue, black and red. The source is advected to ``times``, by default quarters
-    of tau, and to tau. ``size`` (width, height) in pixels is by default that of a wide sheet.
-    ``channel`` is the number of the shown pair of functions, ``up`` the axis that points upwards.
+    Frames of panels are blue for the source, red for the target and black for the result. The
+    source is advected to ``times``, by default quarters of tau, and to tau. ``size`` (width,
+    height) in pixels is by default that of a wide sheet. ``channel`` is the number of the shown
+    pair of functions, ``up`` the axis that points upwards.
     """
     tau = match.parameters.tau
     shown_times = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
@@ -171,8 +172,8 @@ def sequence_picture(
 ) -> Image.Image:
     """Return a sheet of a sequence: the function at several times, with arrows of the field.
 
-    The default times are evenly spaced. Arrows are fainter where the frames do not determine the
-    field. The other parameters are those of `match_picture`.
+    Times of a sheet are evenly spaced by default. Arrows are fainter where the frames do not
+    determine the field. All other parameters are those of `match_picture`.
     """
     begin, end = float(sequence.times[0]), float(sequence.times[-1])
     panels = []

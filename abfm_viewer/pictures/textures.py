@@ -30,7 +30,7 @@ def read_texture(
 ) -> tuple[Texture, str]:
     """Return the texture of a mesh file in four channels, and its alpha mode as in glTF.
 
-    The mode is OPAQUE, MASK or BLEND. Colours of vertices and materials become factors of the
+    An alpha mode is OPAQUE, MASK or BLEND. Colours of vertices and materials become factors of the
     images, or of white. Raises `MeshError` as `abfm.mesh.colors.load_colors`, and if an image is
     damaged, incomplete or too large.
     """

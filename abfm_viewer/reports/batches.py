@@ -75,7 +75,7 @@ def _goodness(row: SummaryRow) -> tuple[int, float]:
 class Best(NamedTuple):
     """The best rows of a batch that solves one problem with several settings.
 
-    If some rows reached their target, only these are compared.
+    Only rows that reached their target are compared, if there are any.
     """
 
     closest: SummaryRow  # the row with the smallest residual
@@ -111,7 +111,8 @@ class Best(NamedTuple):
 def best_of(rows: Sequence[SummaryRow]) -> Best | None:
     """Return the best rows of a batch that solves one problem with several settings.
 
-    It is None for other batches, with fewer than two results, or without maps that change areas.
+    The result is None for batches of several problems, with fewer than two results, or without maps
+    that change areas.
     """
     if not rows or any(_problem(row) != _problem(rows[0]) for row in rows):
         return None
@@ -157,10 +158,9 @@ class Grid(NamedTuple):
 def batch_page(
     title: str, rows: Sequence[SummaryRow], pictures: Mapping[str, bytes], no_pictures: str = ""
 ) -> str:
-    """Return the page of a batch, worst rows first.
+    """Return the page of a batch, worst rows first, at most `ROWS_SHOWN_MAX` of them.
 
-    It shows at most `ROWS_SHOWN_MAX` rows. ``pictures`` are PNG by digest of the row, and
-    ``no_pictures`` is the reason for missing ones.
+    ``pictures`` are PNG by digest of the row, ``no_pictures`` is the reason for missing pictures.
     """
     shown = worst(rows)
     kinds = Counter(row.entry.row.kind for row in rows)

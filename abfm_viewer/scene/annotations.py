@@ -239,9 +239,9 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend of critical points and missing values, below the surfaces.
+    """Lay out the legend of critical points and missing values below the surfaces, if it fits.
 
-    It is empty if it does not fit to the right of ``begin``.
+    ``begin`` is the left end of the free space, in pixels.
     """
     found: list[Part] = []
     radius, right = _DOT_RADIUS * pen.scale, rect[2] - _MARGIN * pen.scale

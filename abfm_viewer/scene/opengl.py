@@ -85,7 +85,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
 def material_pictures() -> NDArray[np.uint8]:
     """Return four pictures of a lit ball, (4, H, W, 3), which polyscope blends.
 
-    Their brightness is at most 0.9 because polyscope's tone mapping brightens them.
+    The brightness of the pictures is at most 0.9 because polyscope's tone mapping brightens them.
     """
     x, y = np.meshgrid(np.linspace(-1, 1, _BALL), np.linspace(1, -1, _BALL))
     radius = np.maximum(np.hypot(x, y), 1)

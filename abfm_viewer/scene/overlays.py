@@ -273,7 +273,7 @@ class Overlays:
     ) -> None:
         """Draw the structures that the view shows on surfaces, by name.
 
-        Those of the flow are drawn only if ``of_flow``. ``scale`` is pixels per unit length.
+        Structures of the flow are drawn only if ``of_flow``. ``scale`` is pixels per unit length.
         """
         self._scale = scale
         for name, mesh in meshes.items():

@@ -221,10 +221,7 @@ class SlotView:
         return replace(self, zoom=zoom, target=target)
 
     def transferred(self, front: Front, fit: Fit, other: Front) -> SlotView:
-        """Return the corresponding view of another surface.
-
-        It is turned, zoomed and moved from the ``other`` front as this one is from ``front``.
-        """
+        """Return the same view of another surface, relative to its front ``other``."""
         axes = self.rotation @ front.axes.T @ other.axes
         view = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
         moved = front.axes @ (self.target - self.centre) * (self.scale / view.scale)

@@ -161,7 +161,7 @@ def fitted(
 ) -> Camera:
     """Return the nearest camera that sees all vertices (V, 3).
 
-    The default aspect is that of the vertices. The angle, in degrees, is so small that the
+    By default, the aspect is that of the vertices. The angle, in degrees, is so small that the
     perspective hardly distorts shapes. The margin is a share of the surface.
     """
     x, y, z = front.axes @ vertices.T

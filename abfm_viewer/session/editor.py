@@ -40,8 +40,8 @@ class Step(NamedTuple):
 class Editor:
     """Commands that change a document, with undo and redo.
 
-    Each change is a step of undo. Consecutive changes with the same merge key, such as those of a
-    drag, are one step. Undo restores the viewpoint only for steps that changed it.
+    Each change of the document is a step of undo. Consecutive changes with the same merge key, such
+    as those of a drag, are one step. Undo restores the viewpoint only for steps that changed it.
     """
 
     def __init__(self, document: Document) -> None:

@@ -1,7 +1,4 @@
-"""Initial maps from surface A to surface B, and functions transferred by them.
-
-They are computed outside of the frame loop.
-"""
+"""Initial maps from A to B, and functions transferred by them, computed in the background."""
 
 from __future__ import annotations
 
@@ -51,7 +48,7 @@ class _MapChoice(NamedTuple):
 class PreparedMap:
     """Problem on B, and the initial map that transferred the functions of A.
 
-    Both may belong to an earlier state of the document.
+    The document may have changed since this problem and this map were computed.
     """
 
     initial: InitialMap
@@ -125,7 +122,7 @@ class InitialMaps:
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return a side of the active channel on B, as it is matched.
 
-        If the values of a target are matched unchanged, this is the array of its function.
+        The values of a target that are matched unchanged are returned as the array of its function.
         """
         prepared = self.prepared(document)
         if prepared is None:

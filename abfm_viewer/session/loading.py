@@ -40,9 +40,9 @@ class Load:
 class Loading:
     """Reads the newest request, which is `now`; errors become cards.
 
-    Each request has its own reader. The reader of a cancelled request finishes in its thread, and
-    its result is dropped. If the same source is requested again meanwhile, the running reader is
-    used, so that a file is not read twice at a time.
+    Each request for a file has its own reader. The reader of a cancelled request finishes in its
+    thread, and its result is dropped. If the same file is requested again meanwhile, the running
+    reader is used, so that a file is not read twice at a time.
     """
 
     def __init__(self, jobs: Jobs, notices: Notices) -> None:

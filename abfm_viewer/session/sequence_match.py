@@ -86,7 +86,7 @@ class SequenceMatch:
     def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always as the same array; None if unknown.
 
-        As soon as a run has found a field, only fields of the run are returned.
+        After the first field of a run is found, only fields of the run are returned.
         """
         if self.found_count(document):
             return self._fields.get(interval)

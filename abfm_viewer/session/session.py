@@ -133,8 +133,8 @@ class Session(Parts):
     def set_surfaces(self, *surfaces: Surface) -> None:
         """Show one surface, or two that are registered, A to B.
 
-        If A is the current surface, the first source, labels and landmarks on A, parameters and the
-        view are kept.
+        If the first surface is the current one, the document keeps its first source, labels and
+        landmarks on it, parameters and view.
         """
         fresh = document_on(surfaces, view=self.view.preferences)
         if surfaces[0].mesh is self.surface("source").mesh:
@@ -185,7 +185,7 @@ class Session(Parts):
     def values(self, side: Side) -> FloatArray | None:
         """Return the active function of a side on its surface, (V,); None if unknown.
 
-        For a sequence these are the frames before and after the shown time.
+        The functions of a sequence are the frames before and after the shown time.
         """
         return self.work.values(side)
 
@@ -222,7 +222,7 @@ class Session(Parts):
     def match(self, from_current_field: bool | None = None) -> None:
         """Start a run unless one is running; if none can start, show the reason.
 
-        It starts from the current field or from zero, by default as the switch "from the current
+        A run starts from the current field or from zero, by default as the switch "from the current
         field" decides.
         """
         if self.solver.running:

@@ -373,10 +373,7 @@ class SessionFiles:
         self._open_question("Cancel the current task?", text, answers, instead)
 
     def _do_after_run(self, what: str, do: Action) -> None:
-        """Perform an action after the run ended while the question was open.
-
-        If the result of the run is unsaved, show another question first.
-        """
+        """Perform an action after a run ended; if its result is unsaved, first show a question."""
         if not self._session.saves.unsaved:
             do()
             return
@@ -449,7 +446,7 @@ class SessionFiles:
     def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Action:
         """Read a mesh, and compute the properties that the frame loop needs.
 
-        If the mesh is refused and can be repaired, the returned action offers the repairs.
+        If the mesh has faults that can be repaired, the returned action offers the repairs.
         """
         try:
             mesh = load_mesh(path, **options)

@@ -32,7 +32,7 @@ _STREAK_FACES_MAX = 50_000  # larger meshes get no streaks after a match, which 
 class MatchRun:
     """Runs of matches, and the changes of the document by their results.
 
-    Another document may have been opened by the time a run ends.
+    When a run ends, the user may have opened another document.
     """
 
     def __init__(self, parts: Parts, start: Start) -> None:
@@ -211,8 +211,8 @@ class MatchWork(Work):
     def outdated(self) -> bool:
         """Whether the result belongs to another problem; False without a result.
 
-        While new values are computed, the previous answer stays. For two surfaces, the inputs of
-        the initial map are compared.
+        While new values of functions are computed, the previous answer stays. For two surfaces, the
+        inputs of the initial map are compared.
         """
         document, known = self.document, self.parts.functions.values
         if (result := document.result) is None:
@@ -380,7 +380,7 @@ class PairWork(MatchWork):
     def facts(self) -> abfm.outcome.Facts | None:
         """Facts of the registration.
 
-        Until the complete map is measured, these are the facts of the match on B, marked as
+        Until the map from A to B is measured, these are the facts of the match on B, marked as
         incomplete.
         """
         result, found = self.document.result, self.document.complete_result

@@ -89,7 +89,8 @@ class Arrows:
     def facing(self, eye: Eye) -> FloatArray:
         """Return the least cosine between normal and line of sight of each arrow, (A,).
 
-        It is negative where an arrow faces away. Surfaces with boundary are seen from both sides.
+        The cosine is negative where an arrow faces away. Surfaces with boundary are seen from both
+        sides.
         """
         cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
         return np.asarray((cosines * self._sides(eye)).min(axis=1))
@@ -175,7 +176,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
 def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArray:
     """Return the number of directions in which the disc about each point (P,) is visible, (P,).
 
-    The middle counts as one more direction; the number is 0 where the middle is not visible.
+    The middle of the disc counts as one more direction; if it is not visible, the number is 0.
     """
     mesh, count = points.mesh, len(points.faces)
     frames = abfm.calculus.face_frames(mesh)[points.faces]
@@ -265,8 +266,8 @@ def _glyphs(
 ) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
     """Return arrows of lengths (A,) in the plane, centred at 0 and pointing along x.
 
-    Each consists of an arrow above a larger one, its rim. The result is vertices (A, M, 2), heights
-    (M,), faces (T, 3), and whether a face belongs to a rim (T,).
+    An arrow lies above a larger one, its rim. The result is vertices (A, M, 2), heights (M,), faces
+    (T, 3), and whether a face belongs to a rim (T,).
     """
     length = lengths[:, None]
     size = spacing * np.clip(np.sqrt(length / (_LENGTH_MAX * spacing)), _WIDTH_SHARE_MIN, 1)

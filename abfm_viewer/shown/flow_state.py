@@ -54,10 +54,10 @@ class FlowState:
 
     @property
     def line_time(self) -> float:
-        """Duration of flow lines in each direction.
+        """Duration of flow lines in each direction: tau for a match.
 
-        It is tau for a match. For a sequence, whose intervals are short, it is the time for half of
-        sqrt(area) at the root mean square speed.
+        Intervals of a sequence are short. Its flow lines last until a point of root mean square
+        speed has moved by half of sqrt(area).
         """
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau

@@ -53,10 +53,10 @@ class InBetween:
     def at(
         self, flow: FlowState | None, before: FloatArray, after: FloatArray, share: float
     ) -> FloatArray:
-        """Return the function at a share of the interval, (V,).
+        """Return the function at a share of the interval between two frames, (V,).
 
-        It is a linear blend if there is no flow, and until the interpolation along the flow is
-        computed; then `is_behind` is true.
+        Without a flow, and until the interpolation along the flow is computed, the function is a
+        linear blend of the frames; then `is_behind` is true.
         """
         self.is_behind = False
         if share in (0.0, 1.0):

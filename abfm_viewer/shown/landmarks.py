@@ -96,7 +96,7 @@ class ShownLandmarks(Jobs):
     ) -> BoolArray:
         """Return which points in a slot are hidden, (P,), seen along the axes (3, 3).
 
-        While this is computed, the result is that of an earlier view.
+        Until this is computed for a new view, the result is that of the view before.
         """
         same_axes = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
         subject = points.mesh, points.numbers
@@ -117,10 +117,7 @@ class ShownLandmarks(Jobs):
         return self._placed[side].get((mesh, landmarks), place)
 
     def moved(self) -> LandmarkPoints | None:
-        """Return the points of the source, moved by the flow to the shown time.
-
-        They are on the surface of the target. None if there are none, or they are not yet known.
-        """
+        """Return the source's landmarks, moved to the shown time; None if there are none yet."""
         landmarks = self._session.document.landmarks
         numbers = tuple(n for n, one in enumerate(landmarks) if one.source is not None)
         if not numbers or (starts := self._on_target(landmarks)) is None:

@@ -280,9 +280,9 @@ class Painter:
         return self._memos["advected"].get((texture, title, colors), make)
 
     def _compared(self, colors: ColorRange) -> Paint | None:
-        """Return the paint of the comparison of a subject with its population.
+        """Return the paint of the comparison of a subject with its population, or None.
 
-        None if there is no comparison, or if a match or a run is shown instead.
+        A match or a run of the subject is shown instead of the comparison.
         """
         session, document = self._session, self._session.document
         compared, active = document.active_comparison, document.active

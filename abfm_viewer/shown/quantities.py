@@ -189,7 +189,7 @@ def colored(
 class FieldQuantities(Jobs):
     """Quantities of the flow of a session, computed in the background.
 
-    While a new value is computed, a method returns the last one of the same mesh or field, or None.
+    While a new value is computed, methods return the last one of the same mesh or field, or None.
     """
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
@@ -262,7 +262,7 @@ class FieldQuantities(Jobs):
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows; None before it is known.
 
-        It is 0 for `abfm.calculus.fast_speed` of the field alone.
+        A speed of 0 stands for `abfm.calculus.fast_speed` of the field alone.
         """
         return field.fast
 

@@ -120,7 +120,7 @@ class SequenceQuantities(FieldQuantities):
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows in all intervals; None before it is known.
 
-        It never decreases during a run.
+        During a run, this speed never decreases.
         """
         document = _sequence_document(self._session)
         if not self._is_of_interval:
@@ -132,7 +132,7 @@ class SequenceQuantities(FieldQuantities):
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
         """Return the streaks of an interval, cached for the next time that it is shown.
 
-        While they are computed, the result is that of an earlier interval, or None while the
+        While streaks are computed, those of an earlier interval are returned, or None while the
         sequence plays.
         """
         cache, key = self._cached_streaks, _key_of(field, (fade, moving))

@@ -38,7 +38,7 @@ class Shown:
     def is_ready(self) -> bool:
         """Whether all times of the flow can be played; otherwise the player waits.
 
-        It does not wait for the streaks of a sequence, as each interval has its own field.
+        The player does not wait for streaks of a sequence, as each interval has its own field.
         """
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits

@@ -100,7 +100,7 @@ class AtShownTime:
     ) -> FloatArray | None:
         """Return the values at a time, exact if the time is ``settled``.
 
-        While they are computed, the values are those of an earlier flow; None if there are none.
+        While values are computed, those of an earlier flow are returned; None if there are none.
         """
         self.behind = False
         if time == 0:
@@ -202,8 +202,8 @@ class ShownFlow(Jobs):
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
         """Return the finer mesh of a match, and a function (V,) on it.
 
-        ``name`` is source, target or advected. None if the match has no finer mesh, if the view
-        does not show it, or before the values are known.
+        ``name`` is source, target or advected. The result is None if the match has no finer mesh,
+        if the view does not show it, or before the values are known.
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
@@ -236,9 +236,10 @@ class ShownFlow(Jobs):
         return None if values is None else (fine.mesh, values)
 
     def coordinates(self) -> FloatArray | None:
-        """Return the origin of the point at each vertex at the shown time, (V, 3), by flow lines.
+        """Return the origin of the point at each vertex at the shown time, (V, 3).
 
-        For two surfaces the origins are on A. None before they are known.
+        Points are followed along flow lines. The origins of two surfaces are on A. They are None
+        before they are known.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -246,9 +247,10 @@ class ShownFlow(Jobs):
         return self._coordinates.at(flow, places, self.time, self.settled)
 
     def labels(self) -> IntArray | None:
-        """Return the labels at the shown time, (V,), from the source's surface by flow lines.
+        """Return the labels at the shown time, (V,), from the source's surface along flow lines.
 
-        While they are computed they are those of an earlier time; None before any are known.
+        While new labels are computed, those of an earlier time are returned; None before any are
+        known.
         """
         labels, places = self._session.document.labels, self.coordinates()
         if labels is None or places is None:
@@ -268,7 +270,7 @@ class ShownFlow(Jobs):
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:
-        """Return the position at the shown time of each vertex, (V, 3), by flow lines."""
+        """Return the position at the shown time of each vertex, (V, 3), along flow lines."""
         flow, vertices = self.state, self._session.surface().mesh.vertices
         if flow is None:
             return None

@@ -1,6 +1,6 @@
 """Containers of widgets: windows, dialogs, cards, sections, tabs and menus.
 
-They are context managers, so that an error inside cannot corrupt ImGui's stacks.
+Containers are context managers, so that an error inside cannot corrupt ImGui's stacks.
 """
 
 from collections.abc import Callable, Iterator, Sequence

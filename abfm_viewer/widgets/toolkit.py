@@ -438,8 +438,8 @@ class Ui:
     ) -> str | None:
         """Draw a text box; return the new text when the user presses Enter or leaves the box.
 
-        Otherwise return None. A text that is refused stays in the box, where the user can correct
-        it, or discard it by Escape.
+        The result is None in all other frames. A text that is refused stays in the box, where the
+        user can correct it, or discard it by Escape.
         """
         shown, _ = _text_and_name(label)
         width, caption = self._placed(shown, width)
@@ -531,7 +531,7 @@ class Ui:
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
         """Return the widths of the next widget and its caption.
 
-        The width of the caption is 0 if it is above the widget, where it is drawn immediately.
+        A caption above the widget, which is drawn immediately, has width 0.
         """
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:

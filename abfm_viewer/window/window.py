@@ -105,7 +105,7 @@ def open_window(
 ) -> Window:
     """Open the window of the app, by default with a bundled mesh.
 
-    The first of two meshes is registered to the second. If a file of frames has several arrays, a
+    Of two meshes, the first is registered to the second. If a file of frames has several arrays, a
     dialog lets the user choose one. Preferences, recent files and autosaves are in the state
     folder, by default that of the user. Raises `AbfmError` if a file cannot be read, or the machine
     cannot draw.
