@@ -24,7 +24,7 @@ _TARGET_DISTANCE = 0.5
 More distant targets are also matched, but by maps that change areas a lot, for example where limbs
 meet the body.
 """
-_FACING_WEIGHT = 0.1  # of facing the viewer, as a fraction of the longest geodesic
+_FACING_WEIGHT = 0.1  # distance that facing the viewer is worth, in longest geodesics
 _AVERAGED_VERTICES = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 

@@ -41,7 +41,7 @@ class Comparison:
             "difference": f"{name} minus the mean",
             "mean": f"mean of {int(self.population.fits.sum())} without outliers",
             "deviation": "standard deviation",
-            "areas": "deviation of log2 J",
+            "areas": "standard deviation of log2 J",
         }
         titles = {
             "source": f"{name}, transferred",

@@ -20,18 +20,24 @@ _CIRCULAR_TIP = (
     "The values are phases, which repeat after a period. Compare their cosine (channel 0) and sine "
     "(channel 1) instead of the values."
 )
-_PAIR = "Frame of the separate match. The default is the interval of the shown time."
+_PAIR = "First and last frame of the separate match, by default those around the shown time."
 _MATCH = "Open a separate match of these two frames. Undo returns to the sequence."
 _GAMMA = (
     "Smoothness in time: larger if the fields flicker, 0 for independent intervals. Default: 1."
 )
 _ORDER = (
     "Order of the norm of the fields: 2 gives smoother fields, 1 is as in the paper. Auto chooses "
-    "by held-out patches of some intervals."
+    "the order that best predicts patches of the surface that the fit does not use."
 )
 _ALPHA = "Smoothness of the fields: smaller if motion is missed, larger if they are rough."
-_SIGMA = "Allowed difference of the frames, in standard deviations. Smaller is a closer match."
-_CHOSEN_TIP = "Choose the value by held-out patches of some intervals."
+_SIGMA = (
+    "Weight of the smoothness, in standard deviations of the frames. Smaller values match the frames "
+    "more closely."
+)
+_CHOSEN_TIP = (
+    "Choose the value that best predicts patches of the surface that the fit does not use, in some "
+    "intervals."
+)
 _AUTO = {"alpha": Auto(1.0, _CHOSEN_TIP), "sigma": Auto(LAST_SIGMA, _CHOSEN_TIP)}
 
 

@@ -32,8 +32,8 @@ _PART = (
 _ARROWS = "Show the field as arrows on the advected surface."
 _STREAKS = "Show the field as streaks (line integral convolution). They take seconds to compute."
 _TRACKS = (
-    "Paths of the fields' sources, sinks, spirals and saddles over time. Balls show their places "
-    "at the shown time."
+    "Paths of the fields' sources, sinks, spirals and saddles over time. Balls show their "
+    "positions at the shown time."
 )
 _LINKS = "Lines from points of A to their images on B at the shown time."
 _FADE = "Reduce the contrast of the streaks where the field is slow."
@@ -96,7 +96,7 @@ def draw_field(context: Context) -> None:
             set_view(
                 "change the length of arrows", "length", arrow_length=min(max(length, 0.001), 10.0)
             )
-        tip = "Density of arrows in pixels. Larger surfaces have more arrows."
+        tip = "Density of arrows on the screen. A surface that is drawn larger has more arrows."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("change the density of arrows", "density", arrow_density=density)
     _switch(context, "streaks", "streaks", "toggle streaks", _STREAKS)

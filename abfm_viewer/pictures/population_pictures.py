@@ -53,7 +53,7 @@ def population_pictures(
 def _channel(found: Population, c: int) -> Row:
     """Return a channel's pictures: mean before and after registration, standard deviation."""
     name = found.channels[c].name
-    spread = f"deviation of {name}"
+    spread = f"standard deviation of {name}"
     means = {
         "mean, at first": _filled_in(found.plain_mean(c)),
         "mean, registered": _filled_in(found.mean(c)),
@@ -61,7 +61,7 @@ def _channel(found: Population, c: int) -> Row:
     deviation = _filled_in(found.deviation(c))
     panels = (
         *panels_of(found.template, name, means),
-        *panels_of(found.template, spread, {"deviation": deviation}),
+        *panels_of(found.template, spread, {"standard deviation": deviation}),
     )
     top = float(np.max(without_extremes(deviation)))
     ranges = {
@@ -72,7 +72,7 @@ def _channel(found: Population, c: int) -> Row:
 
 
 def _areas(found: Population) -> Row:
-    mean, deviation = "mean of log2 J", "deviation of log2 J"
+    mean, deviation = "mean of log2 J", "standard deviation of log2 J"
     values = {
         mean: np.nan_to_num(found.log2_area_mean),
         deviation: np.nan_to_num(found.log2_area_deviation),
