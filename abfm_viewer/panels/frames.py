@@ -31,8 +31,8 @@ _ORDER = (
 )
 _ALPHA = "Smoothness of the fields: smaller if motion is missed, larger if they are rough."
 _SIGMA = (
-    "Weight of the smoothness, in standard deviations of the frames. Smaller values match the frames "
-    "more closely."
+    "Weight of the smoothness, in standard deviations of the frames. Smaller values match more "
+    "closely."
 )
 _CHOSEN_TIP = (
     "Choose the value that best predicts patches of the surface that the fit does not use, in some "

@@ -164,7 +164,7 @@ def _error(context: Context) -> None:
     if session.result is not None and not (session.outdated or session.solver.running):
         if not session.result.problem.is_of_landmarks:
             numbers = abfm.matching.residual_text(session.result)
-            ui.note(f"Residual at τ, relative to the target minus its mean in L2: {numbers}.")
+            ui.note(f"Residual at τ in L2, relative to the target minus its mean: {numbers}.")
         if session.result.refined:
             found = sentence(refinement_text(session.result))
             ui.note(f"{found} View > Finer mesh shows it there.")
