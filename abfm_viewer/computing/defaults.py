@@ -35,7 +35,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     The geodesic, for example from a foot to a hand, is nearly the longest one. The source is near
     its middle, for example on the trunk. The target is farther along it, but so close that a first
     match changes areas little. Both preferably face a viewer who looks from `best_front(mesh)`.
-    Gaussians narrower than about an edge, as on coarse meshes or sliver triangles, are widened.
+    Gaussians that span less than two edges, as on coarse meshes or sliver triangles, are widened.
     """
 
     def distance(vertex: np.intp) -> FloatArray:

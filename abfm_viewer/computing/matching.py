@@ -287,7 +287,7 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End this solve after a few iterations; without them, dragging would stop the progress."""
+        """End the solve after a few iterations, so that matches also progress during dragging."""
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._run.end_call()
 

@@ -504,7 +504,7 @@ class Document:
 
     @property
     def interval(self) -> int:
-        """Number of the shown flow, if there are several."""
+        """Number of the interval whose flow is shown; 0 if there is only one flow."""
         return 0
 
     @property

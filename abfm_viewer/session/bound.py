@@ -16,7 +16,7 @@ from abfm_viewer.session.notices import Notices
 
 
 class _Found(NamedTuple):
-    """The match of smallest residual within the bound."""
+    """The match of smallest residual within the bound of distortion."""
 
     match: abfm.Match
     reason: str  # why no match keeps the bound
@@ -26,7 +26,7 @@ class _Found(NamedTuple):
 class Bound:
     """Limits the distortion of the result in a subprocess, one search at a time.
 
-    The field that is found replaces the result.
+    When a search finds a field within the bound, its match replaces the result.
     """
 
     def __init__(self, editor: Editor, notices: Notices, process: Process) -> None:

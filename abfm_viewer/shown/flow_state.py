@@ -49,7 +49,7 @@ class FlowState:
 
     @property
     def duration(self) -> float:
-        """Length of the time bar, in time."""
+        """Length of the time bar, in the flow's unit of time."""
         return self.reach * self.parameters.tau
 
     @property
@@ -72,7 +72,7 @@ class FlowState:
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
         """Return the origins at time 0 of the points at the vertices at times (T,), (T, V, 3).
 
-        ``places`` (V, 3) only gives the shape. For two surfaces the origins are on A.
+        Of ``places`` (V, 3), only the shape is used. The origins of two surfaces are on A.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]
