@@ -140,6 +140,5 @@ def machine() -> dict[str, str | int]:
 
 
 def machine_line(machine: Mapping[str, str | int]) -> str:
-    """Return the result of `machine` as one line."""
     packages = ", ".join(f"{name} {machine[name]}" for name in ("python", *_PACKAGES))
     return f"{machine['processor']}, {machine['cores']} cores, {machine['system']}; {packages}"

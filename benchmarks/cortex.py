@@ -110,7 +110,6 @@ class Evaluation:
     cortex: BoolArray
 
     def row(self, name: str, found: Correspondence, seconds: float | None = None) -> list[str]:
-        """Return the cells of a map."""
         distortion = found.distortion()
         area, shape = distortion.log2_area, distortion.log2_shape
         numbers = [
@@ -138,12 +137,11 @@ class Evaluation:
         return self.row(name, found, process_time() - start)
 
     def correlation(self, one: FloatArray, other: FloatArray) -> float:
-        """Return the correlation of two maps on B."""
         known = self.cortex & np.isfinite(one) & np.isfinite(other)
         return float(np.corrcoef(one[known], other[known])[0, 1])
 
     def dice(self, found: Correspondence) -> float:
-        """Return the mean Dice coefficient over the labels of the cortex of B; or NaN."""
+        """Return the mean Dice coefficient of the labels of the cortex of B; NaN without labels."""
         names = sorted({*self.a.labels, *self.b.labels})
         if not (self.a.labels and self.b.labels):
             return float("nan")

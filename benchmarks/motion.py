@@ -36,7 +36,6 @@ Errors = tuple[float, float]
 
 
 def edge_length(mesh: TriangleMesh) -> float:
-    """Return the mean edge length."""
     return float(edge_lengths(mesh).mean())
 
 

@@ -65,7 +65,6 @@ class PlaneWaves:
         self._scale = np.sqrt(2 / _WAVE_COUNT)
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Return the values (P,)."""
         return np.asarray(self._scale * np.cos(points @ self._vectors.T + self._phases).sum(axis=1))
 
     def gradients(self, points: FloatArray) -> FloatArray:

@@ -37,9 +37,9 @@ _START_SECONDS = 0.02  # for a run to begin; otherwise it waits until a frame is
 class Process:
     """Calls functions in a subprocess, one after another; their first argument is its cache.
 
-    The subprocess starts with the first call. If it has ended, the next call starts another one. A
-    subprocess that was idle when it was closed is used by the next `Process`, so that a script that
-    opens several windows in turn starts no others.
+    The subprocess starts with the first call. If it has ended, the next call starts another one.
+    The next `Process` uses a subprocess that was idle when it was closed. A script that opens
+    several windows in turn therefore starts no others.
 
     polyscope holds Python's interpreter while it draws a frame. Without a graphics card this is
     nearly all of the time: a solver in a thread of the same process got a tenth of it.

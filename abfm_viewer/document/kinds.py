@@ -166,7 +166,7 @@ class MatchDocument(Document):
         )
 
     def has_other_functions(self, result: Match, values: Values) -> bool:
-        """Return whether a result has other landmarks, mask, or functions where it is above 0."""
+        """Return whether a result has other landmarks, another mask, or other functions in it."""
         nameless = tuple(replace(pair, name="") for pair in self.pairs)
         if nameless != landmarks_of_match(result):
             return True
