@@ -42,7 +42,7 @@ _COLUMNS = {
     "substeps": "n",
     "cosine": "cosine, as printed",
     "length": "length, as printed",
-    "whole_cosine": "cosine of the whole gradient, as printed",
+    "complete_cosine": "cosine of the complete gradient, as printed",
     "completed_cosine": "cosine, with the dropped factor",
 }
 
@@ -70,7 +70,7 @@ def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
     - ``cosine`` is between both gradients of the mismatch; the gradient of the regularity is
       the same
     - ``length`` is the length of the bracket gradient of the mismatch over that of the exact one
-    - ``whole_cosine`` is between the gradients of the complete energy
+    - ``complete_cosine`` is between the gradients of the complete energy
     - ``completed_cosine`` is ``cosine`` with the factor ``exp(-dtau D_v)`` that the paper omits
     """
     exact_energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
@@ -93,7 +93,7 @@ def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
                 "substeps": n,
                 "cosine": cosine(printed - regularity, exact),
                 "length": float(np.linalg.norm(printed - regularity) / np.linalg.norm(exact)),
-                "whole_cosine": cosine(printed, complete),
+                "complete_cosine": cosine(printed, complete),
                 "completed_cosine": cosine(completed - regularity, exact),
             }
         )

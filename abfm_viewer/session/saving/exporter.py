@@ -105,10 +105,14 @@ class Exporter:
         self._start(path, PICTURES, partial(self._render, path, document, known, options))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        movie, start, whole = self.movie, document.start, document.last_target_time - document.start
+        movie, start, duration = (
+            self.movie,
+            document.start,
+            document.last_target_time - document.start,
+        )
         # a sequence ends at its last frame
         begin, end = (
-            min(start + share * whole, document.end) for share in (movie.start, movie.end)
+            min(start + share * duration, document.end) for share in (movie.start, movie.end)
         )
         times = [f"--from={begin}", f"--to={end}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
