@@ -165,10 +165,7 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Return the smallest power of a density, from 1 on, with at most the entropy ``bound``.
-
-    The method is algorithm 3 of Solomon et al. (2015).
-    """
+    """Return the smallest power (at least 1) of a density with entropy ``bound`` (algorithm 3)."""
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent

@@ -183,10 +183,7 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
 
 
 def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
-    """Report a row that no flow can match before it is solved, which may take long.
-
-    The report is a step and a record in the ledger.
-    """
+    """Report, as a step and in the ledger, that no flow can match a row, before it is solved."""
     facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return

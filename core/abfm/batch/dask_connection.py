@@ -150,10 +150,7 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
 
 
 def _check_versions(client: Any) -> None:
-    """Raise an error for a cluster with another version of abfm, or without abfm.
-
-    On a cluster without abfm, the workers would end.
-    """
+    """Raise an error for a cluster with another version of abfm, or workers without abfm."""
     here, found = installed_version(), dict[str, Any]()
     try:
         found["the scheduler"] = client.run_on_scheduler(version, "abfm")

@@ -247,10 +247,7 @@ class Ledger:
 
 
 def _row_and_key(entry: Any) -> tuple[Row, str]:
-    """Return a row and its key from an item that `Ledger.write_rows` wrote.
-
-    ValueError if the item is damaged.
-    """
+    """Return a row and its key from an item of `Ledger.write_rows`; ValueError if it is damaged."""
     try:
         name, folder, key = (entry[each] for each in ("name", "folder", "key"))
         options = [(column, text) for column, text in entry["options"]]

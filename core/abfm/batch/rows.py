@@ -250,10 +250,7 @@ def _checksum(path: str, size: int, changed: int) -> str:
 
 
 def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
-    """Return the file names that a function renames, and their companion files.
-
-    The function ``apply`` calls its argument with each file name.
-    """
+    """Return the file names that ``apply`` passes to its argument, and their companion files."""
     found = dict[str, None]()
 
     def note(path: str) -> str:

@@ -135,10 +135,7 @@ def figure_10(setup: FigureSetup) -> Script:
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
-    """Return the rotation by 180 degrees of a mesh, or else its mirror plane.
-
-    MeshError if the mesh has neither symmetry.
-    """
+    """Return the rotation by 180 degrees of a mesh or its mirror plane; MeshError without both."""
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:

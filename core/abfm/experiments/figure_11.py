@@ -453,10 +453,7 @@ def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
 
 
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map to the closest points of A with truncated coordinates.
-
-    ``functions`` (V, 3) on B serve as coordinates.
-    """
+    """Return the map from functions (V, 3) on B to the closest truncated coordinates of A."""
     a = poses.a
     found = maps.project_onto_surface(
         TriangleMesh(truncated_coordinates(a, len(poses.true_map)), a.faces), functions

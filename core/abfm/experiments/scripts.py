@@ -285,20 +285,14 @@ def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return the example of a function that a given flow advects until tau.
-
-    ``target`` is the specification of a file, such as ``file:advected.npy``.
-    """
+    """Return the example of advection by a flow until tau; ``target`` is the spec of a file."""
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations from 60 to ``iterations_max`` that takes about 30 seconds.
-
-    The time is for a match of three functions.
-    """
+    """Return 60 to ``iterations_max`` iterations, which take about 30 s with three functions."""
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 

@@ -122,7 +122,7 @@ class ContinuousFlow:
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
         """Return a field made continuous, at corners (F, 3) and for flow lines.
 
-        The latest continuous field is cached.
+        Cache the latest.
         """
         cached = self._cache
         if cached is None or cached[0] != j:
@@ -159,10 +159,7 @@ class ContinuousFlow:
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field, prepared for flow lines; places are in face frames.
-
-    The origin of the frame of a face is its corner 0.
-    """
+    """A continuous field for flow lines; the origin of a face's frame is its corner 0."""
 
     vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     gradients: FloatArray  # (F, 3, 2), gradients of the hat functions
@@ -217,10 +214,7 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
-    """Return the angles between vectors and the middles of corners, relative to the corner angles.
-
-    The result is infinite for a zero vector.
-    """
+    """Return angles between vectors and corner middles, over corner angles; infinite for zeros."""
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 

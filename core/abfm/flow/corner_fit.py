@@ -23,10 +23,7 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 
 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
-    """Return a field (F, 3), made continuous, at corners, (F, 3).
-
-    In faces where the field is 0, the corners have the value 0.
-    """
+    """Return a field (F, 3) made continuous, at corners (F, 3); 0 where the field is 0."""
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
@@ -122,10 +119,7 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 
 @kernel
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
-    """Write the angles (F, 3) from the start of each fan of faces to the middles of its corners.
-
-    Only negative entries are written.
-    """
+    """Replace negative angles (F, 3) by those from the start of each fan to its corner middles."""
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:
             continue

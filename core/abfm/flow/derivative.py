@@ -93,10 +93,7 @@ class DerivativePattern:
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Convert a derivative by the entries of ``D_v`` to one by ``v``, and add it to ``out``.
-
-        ``out`` is (F, 2).
-        """
+        """Add a derivative by entries of ``D_v``, as one by ``v``, to ``out`` (F, 2)."""
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 

@@ -98,10 +98,7 @@ class Workspace:
 
     @cached_property
     def terms(self) -> FloatArray:
-        """Rows of stored terms, (capacity and two blocks, size).
-
-        A flow that only advects functions does not store terms.
-        """
+        """Rows of stored terms, (capacity and two blocks, size); advection alone stores none."""
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
@@ -197,10 +194,7 @@ class ExponentialFlow:
         return trajectory
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
-        """Compute all segments.
-
-        Return None if terms outgrow the function, which happens if the segments are too long.
-        """
+        """Compute all segments; return None if they are too long, so that terms outgrow ``f``."""
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
         # without space, `backward` recomputes the terms of one segment after the other
@@ -259,10 +253,7 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` to times (T,), ordered away from zero; return (T, V).
-
-        Each segment of time takes one series.
-        """
+        """Advect ``f`` to times (T,), ordered away from zero, (T, V), by a series per segment."""
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)
@@ -408,9 +399,9 @@ def _backward_rows(
     duals: tuple[FloatArray, FloatArray],
     entries: FloatArray,
 ) -> None:
-    """Compute the derivative by term k on a block of rows from the next two terms.
+    """Compute the derivative by term k on a block of rows.
 
-    The derivative by the matrix is added to ``entries``.
+    Add that by the matrix to ``entries``.
     """
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (

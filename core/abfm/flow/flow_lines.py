@@ -157,10 +157,7 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed along the edge from corner ``c + 1`` to ``c + 2``, if both faces push to it.
-
-    The unit is edge lengths per unit of time.
-    """
+    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` if both faces push to it."""
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
     here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])
@@ -189,10 +186,7 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Move a walker at a corner to the fastest continuation.
-
-    Speeds are in edges or heights per unit of time.
-    """
+    """Move a walker at a corner to the fastest continuation, in edges or heights per time."""
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False
@@ -227,10 +221,7 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Move a walker for a time, at most to the next edge or vertex.
-
-    Return the elapsed time and the state.
-    """
+    """Move a walker for a time, at most to the next edge or vertex; return the time and state."""
     leave, used = -1, time
     for i in range(3):
         if rates[i] < 0.0 and b[i] <= -rates[i] * used:
@@ -279,10 +270,7 @@ def trace(
 
 
 def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
-    """Check N fields, (4^k F, 3) or (N, 4^k F, 3); return (N, 4^k F, 3) and k.
-
-    The mesh of the fields is the given mesh subdivided k times.
-    """
+    """Check N fields on the mesh subdivided k times; return (N, 4^k F, 3) and k."""
     given = real_numbers(velocity, "velocity", ParameterError)
     array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or array.shape[2] != 3 or not len(array):

@@ -26,10 +26,7 @@ _CHOOSE = 'Choose a hemisphere: abfm.load_mesh(..., hemisphere="L") or "R"'
 
 
 class ObjectValues(NamedTuple):
-    """Columns of an image or a source estimate.
-
-    ``are_sources`` is True if the rows are sources instead of vertices.
-    """
+    """Columns of an image or a source estimate, whose rows are vertices or sources."""
 
     columns: Columns
     are_sources: bool = False

@@ -183,10 +183,7 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 
 
 def columns_of(opened: Opened, request: Request) -> Columns:
-    """Return the columns of a file, in the rows of the file.
-
-    Raise a ValueError if it is invalid.
-    """
+    """Return the columns of a file, in the rows of the file; ValueError if it is invalid."""
     reader = READERS.get(opened.format)
     if reader is None:
         if opened.format is Format.UNKNOWN:

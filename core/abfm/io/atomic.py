@@ -195,10 +195,7 @@ def _locked(path: Path, flags: int = 0) -> int:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or folder if possible.
-
-    Errors are ignored so that they do not hide earlier ones.
-    """
+    """Remove a file or folder if possible; an error here must not hide an earlier one."""
     try:
         path.unlink()
     except OSError:

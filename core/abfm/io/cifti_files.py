@@ -49,10 +49,7 @@ def write_cifti_values(
 
 
 def write_cifti_labels(path: str | os.PathLike[str], labels: Labels, structure: str | None) -> None:
-    """Write labels as .dlabel.nii, with keys, names and colours.
-
-    Errors are those of `write_cifti_values`.
-    """
+    """Write labels with names and colours as .dlabel.nii; errors as in `write_cifti_values`."""
     named = {int(key): str(key) for key in np.unique(labels.values)} | dict(labels.names)
     table = {key: (name, labels.colors.get(key, _NO_COLOR)) for key, name in named.items()}
     keys = np.asarray(labels.values, dtype=np.float64)

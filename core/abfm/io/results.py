@@ -296,10 +296,7 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the entries, with a prefix, in their types.
-
-    ValueError if one is wrong.
-    """
+    """Return the arrays of the entries in their types; ValueError if one of them is wrong."""
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
         place for name, place in places.items() if entries[name].required and place not in arrays
@@ -420,10 +417,7 @@ def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
 
 
 def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Loaded]) -> Loaded:
-    """Load the arrays of a kind of file, and convert them by a function.
-
-    ResultError as in `load_arrays`, or if the arrays do not fit together.
-    """
+    """Load and convert the arrays of a kind of file; ResultError if it or the result is invalid."""
     arrays = load_arrays(path, kind)
     try:
         return make(arrays)

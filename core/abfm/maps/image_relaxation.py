@@ -155,10 +155,7 @@ def _energy(
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
-    """Return the Dirichlet energy of a face mapped to a triangle, and the triangle's normal.
-
-    The length of the normal is twice the triangle's area.
-    """
+    """Return the Dirichlet energy of a mapped face, and a normal of twice its mapped area."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     total = shape[0] * scalar(p, p) + shape[1] * scalar(q, q) + shape[2] * scalar(r, r)
     return total, cross(q, r)

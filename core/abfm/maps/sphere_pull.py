@@ -65,10 +65,7 @@ def average(
 
 @unfused_kernel
 def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Workspace) -> None:
-    """Move vertices on the sphere by half of their moves.
-
-    The moves of corners of faces that would be flipped, or nearly flipped, are halved repeatedly.
-    """
+    """Move vertices on the sphere by half of their moves, or less where faces would be flipped."""
     moves, moved, shares = pull
     for v in active:
         moves[v] -= scalar(moves[v], state.sphere[v]) * state.sphere[v]

@@ -265,10 +265,7 @@ def _refined(
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Return a symmetry tested on all vertices.
-
-    ``axis`` and ``centre``, a point on the axis, refer to the surface scaled to unit area.
-    """
+    """Return a symmetry tested on all vertices; ``axis`` and ``centre`` are for unit area."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
     positions = _apply(linear, centre, group.surface.vertices)

@@ -159,10 +159,7 @@ class _Search:
         return is_better
 
     def _distortion(self, match: Match) -> float:
-        """Return the distortion that 99% of the faces do not exceed.
-
-        The result is infinite if a face is folded.
-        """
+        """Return the distortion that 99% of faces do not exceed; infinite if a face is folded."""
         bound = self._measure(match).bound(self._max_distortion)
         return math.inf if bound.folded else bound.largest
 
@@ -188,10 +185,7 @@ class _Search:
                 self._update(self._found.with_step(_scaled(beyond, low)))
 
     def _between(self, start: Match, number: int) -> None:
-        """Try values of sigma between a step within the bound and the next step.
-
-        Each match starts from the field of the step with the larger sigma.
-        """
+        """Try sigmas between a step within the bound and the next, from the smoother fields."""
         path = self._found.path
         low = self._sigmas(path[number]) if number >= 0 else self._sigmas(path[0]).smoother()
         later = [each for each in map(self._sigmas, path[number + 1 :]) if each.sigma < low.sigma]

@@ -187,10 +187,7 @@ Difference: TypeAlias = tuple[Counted, Counted]
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the persistence of each peak of a function (V,), if above 0, the largest first.
-
-    For pits, pass ``-f``.
-    """
+    """Return the persistence above 0 of peaks of f (V,), or of pits of -f, in descending order."""
     births, deaths = diagram(mesh, f).T
     return np.asarray(births - deaths)
 

@@ -42,10 +42,7 @@ def has(source: Any, *names: str) -> bool:
 
 
 def contents_of(source: Any, hemisphere: str = "") -> FileContents:
-    """Return the vertices and faces of an object, in its order.
-
-    ValueError if the type of the object is not accepted, or its arrays do not make a mesh.
-    """
+    """Return the vertices and faces of an object, in its order, or raise a ValueError."""
     if isinstance(source, tuple | list):
         if len(source) != 2:
             raise ValueError(
@@ -102,10 +99,7 @@ def _of_poly_data(source: Any) -> FileContents:
 
 
 def _of_grid(source: Any) -> FileContents:
-    """Read the polygons of a PyVista ``UnstructuredGrid``.
-
-    The surface that PyVista extracts has another order.
-    """
+    """Read the polygons of a PyVista ``UnstructuredGrid``, whose surface has another order."""
     types = np.asarray(source.celltypes).astype(np.int64)
     sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)
     return _split(source.points, [sizes], [corners])

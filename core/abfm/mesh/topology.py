@@ -53,10 +53,7 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slots of the next corners of the same faces.
-
-    The edge of a slot starts at the next corner.
-    """
+    """Return the slots of the next corners of the faces, at which the slots' edges start."""
     return slots - slots % 3 + (slots + 1) % 3
 
 

@@ -26,10 +26,7 @@ class DrawnMesh:
     faces: IntArray  # (F, 3): faces of the mesh, with drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values (V, ...) of vertices at the drawn vertices, (D, ...).
-
-        If no vertex is split, the result is the same array.
-        """
+        """Return values (V, ...) at drawn vertices, (D, ...); the same array without splits."""
         return values if len(self.origin) == len(values) else values[self.origin]
 
 

@@ -35,10 +35,7 @@ class Quantized:
 
 
 def quantized(values: ArrayLike) -> Quantized:
-    """Return values (T, V) in `LEVELS` steps between the finite minimum and maximum.
-
-    Infinite values and NaN have no colour; both are `NO_VALUE`.
-    """
+    """Return values (T, V) in `LEVELS` steps of their range; NaN and infinity are `NO_VALUE`."""
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
     minimum, maximum = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)

@@ -46,10 +46,7 @@ def _rotation(found: Correspondence) -> FloatArray:
 
 
 def functions_on_a(found: Registration) -> FloatArray:
-    """Return the compared functions of A, (V_A, C).
-
-    If they are unknown, return the source of the match, transferred to A by the initial map.
-    """
+    """Return the compared functions of A, (V_A, C), or else the source on A by the initial map."""
     if found.functions is not None:
         return found.functions
     return found.initial.inverse().transfer(found.match.source)

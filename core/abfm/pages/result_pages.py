@@ -195,10 +195,7 @@ def _layers(found: Population, c: int) -> list[Layer]:
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
-    """Return names and colours of the functions to show.
-
-    If only landmarks are matched, these are the coordinates of ``a``.
-    """
+    """Return names and colours of functions to show, or coordinates of ``a`` for landmarks."""
     if match.problem.is_of_landmarks:
         mesh = a or match.mesh
         return [
@@ -258,10 +255,7 @@ def _lines(match: Match, share: float) -> list[Paths]:
 
 
 def _flow_line_paths(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
-    """Return times and points of flow lines at uniform times.
-
-    After the end of a shorter flow line, its last point repeats.
-    """
+    """Return flow lines at uniform times; after an early end, the last point repeats."""
     tau = match.parameters.tau
     found, lines = [], []
     with step("flow lines"), suppress(AbfmError):  # flow lines over too many faces raise an error

@@ -173,10 +173,7 @@ def freesurfer_label(data: bytes) -> Columns:
 
 
 def freesurfer_text(data: bytes) -> Columns:
-    """Read values from a text without a header, whose lines are those of .label files.
-
-    ``mris_convert`` writes such files.
-    """
+    """Read values as from ``mris_convert``: the lines of a .label file without a header."""
     if data.startswith(b"#!ascii"):
         raise ValueError("the file is a surface; expected a file of values")
     rows = [line.split() for line in data.decode("utf-8", "replace").splitlines() if line.strip()]

@@ -151,10 +151,7 @@ def from_json(text: str | bytes) -> Any:
 
 
 def array_from(data: bytes) -> NDArray[Any]:
-    """Return the array of numbers, booleans or texts of a .npy file.
-
-    ValueError if the array has another type, or its size is not that of the data.
-    """
+    """Return the numbers, booleans or texts of a .npy file; ValueError for other types or sizes."""
     start, shape, is_fortran, dtype = _header(data, len(data))
     array = np.frombuffer(data, dtype, math.prod(shape), start)
     if dtype.kind == "b" and (array.view(np.uint8) > 1).any():

@@ -18,10 +18,7 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Convert a word to a number; ValueError for other words.
-
-    Fortran exponents, as in ``1.0D+00``, are accepted.
-    """
+    """Convert a word to a number, also ``1.0D+00`` of Fortran; ValueError for other words."""
     try:
         return float(word)
     except ValueError:
@@ -61,10 +58,7 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, (count,).
-
-        Raise a ValueError that names ``of`` if fewer follow.
-        """
+        """Return the next numbers, (count,); ValueError about ``of`` if fewer follow."""
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:

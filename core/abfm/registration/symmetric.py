@@ -107,10 +107,7 @@ def _mean(first: PointMap, second: PointMap) -> PointMap:
 
 
 def load_symmetric(path: File) -> SymmetricRegistration:
-    """Read a file written by `SymmetricRegistration.save`.
-
-    Raises ResultError if the file is missing or damaged.
-    """
+    """Read a file of `SymmetricRegistration.save`; ResultError if it is missing or damaged."""
 
     def made(arrays: dict[str, Any]) -> SymmetricRegistration:
         found = correspondence_of(arrays)
@@ -179,10 +176,7 @@ class SymmetricTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Check the values as `RegistrationTask` does.
-
-        Raise an error for initial maps from files.
-        """
+        """Check the values as `RegistrationTask` does, and that no initial map is a file."""
         RegistrationTask.check(values)
         initial = values.get("initial", "")
         if initial.startswith("file:") or initial.count(","):

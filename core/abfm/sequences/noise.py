@@ -65,10 +65,7 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
 
 
 def explains_too_little(functions: FunctionTerm, levels: FloatArray, residual: float) -> bool:
-    """Return whether a field with this residual explains little of the change beyond noise.
-
-    ``levels`` (C, V) are the standard deviations of the noise.
-    """
+    """Return whether a field explains little of the change beyond noise of ``levels`` (C, V)."""
     first = functions.residual(functions.source)
     explained = _RESIDUAL_SHARE_MAX * min(first, _RESIDUAL_OF_MEAN)
     return residual > max(

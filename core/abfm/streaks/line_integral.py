@@ -173,10 +173,7 @@ class Track(NamedTuple):
 
 @kernel
 def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
-    """Set a walker's vector to its next step.
-
-    The step is zero where the field is below the smallest speed or turns back.
-    """
+    """Set a walker's vector to its next step, zero where the field is slow or turns back."""
     f, x, y, before_x, before_y = walker
     u, v = vector_at(flow, f, x, y)
     speed = math.copysign(math.sqrt(u * u + v * v), step)
@@ -400,10 +397,7 @@ def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
 
 @kernel
 def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
-    """Compute the barycentric weights of the centre of a texel.
-
-    Return whether the centre is in the face of the texel.
-    """
+    """Compute the weights of a texel's centre; return whether it is in the texel's face."""
     f = lines.owners[texel]
     corners = lines.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -435,10 +429,7 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 
 @kernel
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
-    """Move a place near face ``f`` into the face behind an edge, or to the edge.
-
-    Return the face of the moved place.
-    """
+    """Move a place near face ``f`` into the face behind an edge or to the edge; return the face."""
     c, flow = 0, lines.flow
     for i in range(1, 3):
         if b[i] < b[c]:

@@ -27,10 +27,7 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Read the surface of a file, and functions computed from its arrays.
-
-    ResultError if the file is missing or damaged.
-    """
+    """Read the surface of a file, and functions of its arrays; ResultError if it is damaged."""
     arrays = results.load_arrays(path, file)
     try:
         mesh = results.mesh_of(arrays)

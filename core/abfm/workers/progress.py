@@ -44,10 +44,7 @@ class Step:
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
 
     def seconds_remaining(self, now: float | None = None) -> float | None:
-        """Return the remaining seconds, at least 0.
-
-        The result is None if unknown, for example if the step takes longer than expected.
-        """
+        """Return the remaining seconds, at least 0; None if unknown or already exceeded."""
         elapsed = self._elapsed(now)
         if self.done is not None:
             return elapsed * (1 / self.done - 1) if self.done > 0 else None

@@ -146,10 +146,7 @@ class Worker(Generic[State]):
         *given: Arguments.args,
         **_: Arguments.kwargs,
     ) -> Call[Result]:
-        """Call a short function at once in the running process, even during another call.
-
-        Raise WorkerEndedError if no process is running.
-        """
+        """Call a short function at once, even during a call; WorkerEndedError if none runs."""
         if self._connection is None:
             raise WorkerEndedError(self._ended_message)
         return self._connection.call(function, given, True)
@@ -164,10 +161,7 @@ class Worker(Generic[State]):
         return connection.process.pid if connection else None
 
     def close(self) -> None:
-        """End the process at once and refuse further calls.
-
-        Waiting calls raise WorkerEndedError.
-        """
+        """End the process and refuse further calls; waiting calls raise WorkerEndedError."""
         with self._lock:
             self._closed = True
             if self._connection is not None:

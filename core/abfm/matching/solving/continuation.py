@@ -556,10 +556,7 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
 
 
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
-    """Return a result as a step of the path, in the input's unit.
-
-    The fields of the step are those of the mesh itself or of a finer one.
-    """
+    """Return a result as a step of the path, in the input's unit, on the mesh or a finer one."""
     level = max(result.stage.level, levels.mesh_level)
     mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale
     x = levels.fields_on(levels.mesh_level, result.x, result.stage.level)

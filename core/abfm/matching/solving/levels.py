@@ -35,10 +35,7 @@ _WAIT_SECONDS = 0.05  # between two tests whether another thread has finished a 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """The transfer between a coarse and a fine mesh of one surface by closest points.
-
-    The coarse and the fine mesh have the same unit of length.
-    """
+    """The transfer by closest points between a coarse and a fine mesh in the same unit."""
 
     coarse: TriangleMesh
     fine: TriangleMesh
@@ -275,10 +272,7 @@ class Levels:
         return Levels(tuple(found), len(found) - 1)
 
     def subdivided(self) -> "Levels":
-        """Return the levels with the midpoint subdivision of the finest mesh.
-
-        AbfmError if the mesh or a data term cannot be subdivided.
-        """
+        """Return the levels with the finest mesh subdivided, or raise AbfmError if impossible."""
         last = self.all[-1]
         finer = Level(MatchingEnergy(last.energy.problem.subdivided()))
         coarse = replace(last, to_finer=Subdivision(last.energy.mesh))

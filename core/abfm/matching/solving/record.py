@@ -68,10 +68,7 @@ class View(Protocol):
 
 
 class Score(NamedTuple):
-    """The score of a step by held-out patches (see `abfm.matching.solving.held_out`).
-
-    The scores are NaN if no patches were held out.
-    """
+    """The score of a step by held-out patches, see `held_out`; NaN if none were held out."""
 
     value: float = math.nan  # smaller is better
     held_out: float = math.nan  # residual of the patches

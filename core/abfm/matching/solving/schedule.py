@@ -23,10 +23,7 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A minimisation of one objective on one level.
-
-    With ``reach`` 0, functions are compared in the norm of the parameters.
-    """
+    """A minimisation on one level; with ``reach`` 0, in the norm of the parameters."""
 
     level: int  # number of the mesh, from 0 for the coarsest one
     fields: int  # number of consecutive fields
@@ -75,10 +72,7 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share within the last iterations.
-
-    The result is True if there are fewer values than ``within``.
-    """
+    """Return whether values fell by a share in ``within`` iterations, or are fewer than that."""
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 

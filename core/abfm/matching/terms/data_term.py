@@ -16,10 +16,7 @@ from abfm.types import FloatArray
 
 
 class Restriction(Protocol):
-    """The transfer of functions from a mesh to a coarser or finer one of the same surface.
-
-    Both meshes have the same unit of length.
-    """
+    """The transfer of functions to a coarser or finer mesh of the same surface and unit."""
 
     @property
     def coarse(self) -> TriangleMesh: ...

@@ -137,10 +137,7 @@ class FunctionTerm:
         return next((size for size in (*sizes, *norms) if size), 1.0)
 
     def _varying(self, functions: FloatArray) -> float:
-        """Return the L2 norm of channels (C, V) minus their means.
-
-        The result is 0 if only rounding errors remain.
-        """
+        """Return the L2 norm of channels (C, V) minus means; 0 if that is a rounding error."""
         deviation = self.deviation(functions)
         return deviation if deviation > CONSTANT_SHARE * self.norm(functions) else 0.0
 
@@ -257,10 +254,7 @@ class SmoothedNorm:
 
 @dataclass(frozen=True, eq=False)
 class _Mismatch:
-    """The energy ``sum_c w_c <d_c, M d_c> / (2 sigma^2)`` with ``d = f_tau - g``.
-
-    The argument sigma is multiplied by ``unit``.
-    """
+    """The energy ``sum_c w_c <d_c, M d_c> / (2 (unit sigma)^2)`` with ``d = f_tau - g``."""
 
     functions: FunctionTerm
     unit: float
@@ -283,10 +277,7 @@ class _Mismatch:
 
 
 def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> FloatArray:
-    """Return a mask for the vertices of a mesh or of its file as (V,), after checks.
-
-    ParameterError if its shape or values are wrong.
-    """
+    """Return a mask of the mesh or its file as (V,); ParameterError if it is invalid."""
     of_vertices = real_numbers(mask, name, ParameterError)
     if of_vertices.shape == (mesh.file_vertex_count,):
         of_vertices = mesh.restrict(of_vertices)
@@ -312,10 +303,7 @@ def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | Non
 def checked_weights(
     values: ArrayLike | None, count: int, name: str, each: str, may_be_zero: bool = False
 ) -> FloatArray:
-    """Return weights (n,) after checks, by default 1; ``each`` names the weighted objects.
-
-    ParameterError if their shape or values are wrong.
-    """
+    """Return weights (n,) of ``each`` object, by default 1; ParameterError if they are wrong."""
     if values is None:
         return np.ones(count)
     array = real_numbers(values, name, ParameterError).copy()

@@ -35,10 +35,7 @@ class LandmarkMisfit(NamedTuple):
 
 
 class LandmarkCurvature(NamedTuple):
-    """Factors of the derivative ``J^T D r`` of the landmark energy by the fields.
-
-    The second derivative is about ``J^T D J``.
-    """
+    """Factors of the derivative ``J^T D r`` and of the approximate second one, ``J^T D J``."""
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
     weights: FloatArray  # (2 L,), D
@@ -199,10 +196,7 @@ def landmarks_of(
 
 
 def residual_of_errors(errors: FloatArray) -> float:
-    """Return the largest error of landmarks (L,) as a residual.
-
-    An error of `MATCHED_ERROR` corresponds to the default goal.
-    """
+    """Return the largest error (L,) as a residual; `MATCHED_ERROR` gives the default goal."""
     return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 

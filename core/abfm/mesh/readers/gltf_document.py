@@ -67,10 +67,7 @@ def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node")
 
 
 class Part(NamedTuple):
-    """Vertices (n, 3) and faces of a primitive, and its JSON.
-
-    Primitives that share their vertices have the same array.
-    """
+    """Vertices (n, 3), faces and JSON of a primitive; shared vertices are the same array."""
 
     points: FloatArray
     faces: IntArray

@@ -83,10 +83,7 @@ def read_stl(opened: Opened) -> FileContents:
 
 
 def _text_of_stl(data: bytes) -> str | None:
-    """Return the text of a file, or None if it is binary.
-
-    The header of a binary file may also begin with "solid".
-    """
+    """Return the text of a file; None if it is binary, even if it begins with "solid"."""
     head = decoded(data[:_STL_HEADER], "replace")
     is_text = "\0" not in head and head.lstrip()[:5].lower() in ("solid", "")
     return decoded(data, "replace") if is_text else None

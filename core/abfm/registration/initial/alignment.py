@@ -252,10 +252,7 @@ def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Moti
 
 
 def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionKind) -> Motion:
-    """Return the motion that brings points b (P, 3) closest to a (P, 3), in weighted least squares.
-
-    The formula is that of [Umeyama 1991].
-    """
+    """Return the motion of points b to a, (P, 3), in weighted least squares [Umeyama 1991]."""
     shares = (weights / weights.sum())[:, None]
     middle_b, middle_a = (shares * b).sum(axis=0), (shares * a).sum(axis=0)
     x, y = b - middle_b, a - middle_a

@@ -112,10 +112,7 @@ def _energies(values: FloatArray) -> FloatArray:
 
 
 def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return 1 - r for each channel (C,), with the correlation r of two functions (V, C).
-
-    The correlation is weighted by ``areas``.
-    """
+    """Return 1 - r (C,) with the correlations r, weighted by areas, of functions (V, C)."""
     one, other = one - areas @ one, other - areas @ other
     sizes = (areas @ one**2) * (areas @ other**2)
     products = areas @ (one * other)

@@ -98,10 +98,7 @@ class SpectralSearch:
             ]
 
     def ranked(self, side: int) -> list[FloatArray]:
-        """Return all maps (k, k), sorted by their defects.
-
-        ``side`` is 1, or -1 for maps onto the mirror image.
-        """
+        """Return maps (k, k) by ascending defect; side -1 is for maps onto the mirror image."""
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:

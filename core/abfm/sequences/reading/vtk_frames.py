@@ -42,10 +42,7 @@ TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Points (n, 3) of a file, an array of its point data (n, C) with its name, and its time.
-
-    The time is NaN if the file has none.
-    """
+    """Points (n, 3) of a file, a named array of point data (n, C), and the time (or NaN)."""
 
     points: FloatArray
     values: FloatArray

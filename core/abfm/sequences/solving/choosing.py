@@ -69,10 +69,7 @@ def norms(given: SequenceParameters) -> list[Norm]:
 
 
 class _ChoiceInput(NamedTuple):
-    """The input of the choice.
-
-    ``levels`` (C, V) are the standard deviations of the noise at vertices.
-    """
+    """The input of the choice; ``levels`` (C, V) are standard deviations of the noise."""
 
     frames: Frames
     parameters: SequenceParameters
@@ -156,10 +153,7 @@ class _HeldOut:
         return max(sigma for sigma, residual in self._residuals.items() if residual**2 <= enough)
 
     def scan(self, report: Callable[[float], None]) -> None:
-        """Decrease sigma until the residual grows.
-
-        If the residual stays large, search again from long-range matches.
-        """
+        """Decrease sigma until the residual grows; if it stays large, use long-range matches."""
         self._descend(report)
         if self.best_residual > max(
             _RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise
@@ -203,9 +197,9 @@ class _HeldOut:
             self._improve(at, -1)
 
     def _improve(self, at: int, direction: int) -> bool:
-        """Try smaller sigmas (1) or larger ones (-1) while the residual falls.
+        """Try smaller (1) or larger (-1) sigmas while the residual falls.
 
-        Return whether the residual fell.
+        Return whether it fell.
         """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):
@@ -280,10 +274,7 @@ def long_range_field(energy: MatchingEnergy) -> FloatArray:
 
 
 def change_rates(frames: Frames) -> FloatArray:
-    """Return the weighted rate of change of the frames in each interval, (T - 1,).
-
-    The rates are weighted by areas, mask and channel weights.
-    """
+    """Return the rate of change of frames, weighted by areas, mask and channels, (T - 1,)."""
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
     if frames.mask is not None:

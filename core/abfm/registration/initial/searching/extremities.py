@@ -85,10 +85,7 @@ def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
 
 
 def _rows(shape: CoarseShape, vertices: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return rows for the comparison of vertices of two surfaces.
-
-    The rows are distances (V, 2 L) and brackets (V, L (L - 1) / 2).
-    """
+    """Return distances (V, 2 L) and brackets (V, L (L - 1) / 2) that distinguish vertices."""
     distances = shape.distances[:, vertices]
     inverse = (distances + _DISTANCE_OFFSET) ** -2.0
     pairwise = shape.distances[np.ix_(vertices, vertices)]
