@@ -122,6 +122,7 @@ def test_installed_wheel_works_outside_the_repository(installed):
     code = "from abfm.assets import asset_path; print(asset_path('eight.off'))"
     mesh = installed("python", "-c", code).stdout.strip()
     assert Path(mesh).parent.parts[-3:] == ("site-packages", "abfm", "assets")
+    assert "Rescale" in installed("abfm", "explain", "values-differ").stdout
     assert installed("abfm", "--version").stdout == f"abfm {version('abfm')}\n"
     assert "315" in installed("abfm", "info", mesh).stdout
     assert installed("abfm-viewer").stderr.startswith("abfm-viewer: there is no screen")

@@ -6,17 +6,16 @@ import runpy
 import shutil
 from importlib import import_module
 from importlib.metadata import version
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from abfm import load, load_mesh
+from abfm import load, load_mesh, match, register
 from abfm.assets import asset_path
 from abfm.functions import Circular, families, function, parse
-from abfm.matching import Cause
-from abfm.outcome import VERDICTS
-from abfm.parameters import FIGURES
+from abfm.parameters import FIELDS, FIGURES
 from abfm_viewer.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -134,7 +133,35 @@ def test_names_of_the_library_in_the_pages_exist():
             value = getattr(value, part) if hasattr(value, part) else import_module(found)
 
 
-def test_every_cause_has_a_section_in_troubleshooting():
-    text = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
-    sections = {title.lower() for title in re.findall(r"^### (.*)$", text, re.MULTILINE)}
-    assert {*Cause, *VERDICTS} - sections == set()
+TROUBLESHOOTING = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
+
+
+def test_options_in_troubleshooting_exist(capsys):
+    options = set(re.findall(r"`(--[a-z-]+)", TROUBLESHOOTING))
+    settings = set(re.findall(r"`--set (\w+)=", TROUBLESHOOTING))
+    helps = []
+    for command in ("match", "register", "sequence", "population"):
+        with pytest.raises(SystemExit):
+            main([command, "--help-all"])
+        helps.append(capsys.readouterr().out)
+    text = "\n".join(helps)
+    assert len(options) > 10
+    assert {name for name in options if not re.search(rf"^  {name}\b", text, re.MULTILINE)} == set()
+    assert settings <= {*FIELDS}
+
+
+def test_parameters_in_troubleshooting_exist():
+    """Names in code are parameters, or arguments of functions."""
+    functions = match, register, load_mesh
+    known = {*FIELDS, *(name for each in functions for name in signature(each).parameters)}
+    names = set(re.findall(r"`([a-z_]+)(?:=[^`]*)?`", TROUBLESHOOTING))
+    assert names - known == {"kind", "cause", "verdict"}
+
+
+def test_labels_in_troubleshooting_exist():
+    """Names in bold are labels of the window."""
+    code = "".join(path.read_text("utf-8") for path in (ROOT / "abfm_viewer").rglob("*.py"))
+    code += (ROOT / "core/abfm/matching/judging/remedies.py").read_text("utf-8")
+    labels = set(re.findall(r"\*\*([^*]+)\*\*", TROUBLESHOOTING))
+    assert len(labels) > 10
+    assert {label for label in labels if f'"{label}' not in code} == set()

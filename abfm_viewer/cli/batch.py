@@ -41,10 +41,10 @@ from abfm_viewer.cli.exit_status import (
     FAILED_STATUS,
     UNMATCHED_STATUS,
     UsageError,
+    cancelled_by_signals,
     print_line,
     print_note,
 )
-from abfm_viewer.cli.interrupts import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.files import outputs
 from abfm_viewer.reports.batches import (

@@ -10,8 +10,7 @@ from pathlib import Path
 from abfm import TriangleMesh
 from abfm.errors import brief
 from abfm.workers import Control
-from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.interrupts import Interrupt, cancelled_by_signals
+from abfm_viewer.cli.exit_status import Interrupt, UsageError, cancelled_by_signals
 from abfm_viewer.cli.options import add_workers, adder, cluster_of, count, positive, seed
 from abfm_viewer.files import outputs
 

@@ -22,6 +22,7 @@ COMMANDS = {
     "render": "render",
     "report": "report",
     "info": "info",
+    "explain": "explain",
     "bench": "bench",
 }
 """The module of each command, or the task that it solves. A module is imported when its command is

@@ -1,23 +1,27 @@
-"""Exit statuses of a program, and its messages on stderr."""
+"""Exit statuses of a program, its messages on stderr, and cancellation by signals."""
 
 import atexit
 import io
 import os
 import signal
 import sys
+import time
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from types import FrameType
 from typing import Any, TextIO, cast
 
 from abfm import AbfmError
 from abfm.errors import MESSAGE_LENGTH_MAX, AbfmWarning, one_line, printable
 from abfm.io import remove_temporary
-from abfm.workers import process
+from abfm.workers import Control, process
 from abfm_viewer import signals
 
 BAD_INPUT_STATUS, UNMATCHED_STATUS, FAILED_STATUS = 2, 3, 4
 """Bad input, so nothing was done; a target was not reached; some of many problems failed."""
+_DOUBLE_SIGNAL_SECONDS = 0.1  # `timeout` and terminals may send a signal twice
 
 
 class UsageError(Exception):
@@ -122,3 +126,40 @@ class _SafeStream:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
+
+
+@dataclass
+class Interrupt:
+    """Number of the received signal, or None."""
+
+    number: int | None = None
+
+    @property
+    def status(self) -> int | None:
+        return None if self.number is None else signals.status(self.number)
+
+
+@contextmanager
+def cancelled_by_signals(
+    control: Control, what: str = "with the best result so far"
+) -> Iterator[Interrupt]:
+    """Cancel work at the first signal, and end the program at a later second one.
+
+    ``what`` describes the result so far in the printed message.
+    """
+    interrupt, signal_time = Interrupt(), 0.0
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        nonlocal signal_time
+        if interrupt.number is None:
+            interrupt.number, signal_time = number, time.monotonic()
+            control.cancel()
+            with suppress(OSError):  # print may have been interrupted
+                os.write(2, f"stopping {what}; press Ctrl-C again to exit immediately\n".encode())
+        elif time.monotonic() - signal_time > _DOUBLE_SIGNAL_SECONDS:
+            handled.close()
+            os.kill(os.getpid(), number)
+
+    with ExitStack() as handled:
+        handled.enter_context(signals.signal_handler(stop))
+        yield interrupt

@@ -17,6 +17,7 @@ from abfm.tasks.inputs import MESH_FORMATS
 from abfm.wording import counted
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.explain import help_lines
 from abfm_viewer.cli.progress import task_progress
 
 SUMMARY = "check a mesh, or report what a result contains"
@@ -83,7 +84,7 @@ def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
         )
         return {"map": map_details(found)}, [first, *map_lines(found)]
     report = task_of(found).report
-    return report.details(found), report.lines(found)
+    return report.details(found), [*report.lines(found), *help_lines(found.facts)]
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

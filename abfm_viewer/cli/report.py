@@ -13,7 +13,7 @@ import abfm
 from abfm import Correspondence, Match, Registration, TriangleMesh
 from abfm.errors import printable
 from abfm.maps import Distortion
-from abfm.outcome import Facts
+from abfm.outcome import Facts, WarningTopic
 from abfm.registration import report
 from abfm.wording import percents
 from abfm_viewer import pictures
@@ -106,7 +106,9 @@ def _facts(
         if found.a is found.b:  # the initial map is the identity
             for name in report.initial_details(found.initial):
                 del facts[name]
-    facts["warnings"] = _warnings(facts["map"], reported)
+    warnings = _warnings(facts["map"], reported)
+    facts["warnings"] = [*(reported.warnings if reported else []), *warnings.values()]
+    facts["topics"] = [*(reported.topics if reported else []), *warnings]
     return dict(_finite(facts))
 
 
@@ -133,19 +135,22 @@ def _sizes(mesh: TriangleMesh) -> dict[str, int]:
     return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
 
 
-def _warnings(of_map: dict[str, Any], reported: Facts | None) -> list[str]:
+def _warnings(of_map: dict[str, Any], reported: Facts | None) -> dict[WarningTopic, str]:
+    """Return warnings about a map besides the reported ones."""
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
     round_trip, covered = of_map["round_trip"]["p95"], of_map["coverage"]
-    texts = [] if reported is None else list(reported.warnings)
+    texts = {}
     if folded and reported is None:
         part = percents(folded / faces, ".3g")
-        texts.append(f"{folded:,} of {faces:,} faces are folded, {part}")
+        texts[WarningTopic.FOLDED_FACES] = f"{folded:,} of {faces:,} faces are folded, {part}"
     if collapsed:
-        texts.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
+        texts[WarningTopic.COLLAPSED_FACES] = (
+            f"{collapsed:,} of {faces:,} faces collapse to a line or a point"
+        )
     if covered < COVERAGE_MIN:
-        texts.append(f"only {percents(covered, '.3g')} of A is covered")
+        texts[WarningTopic.LOW_COVERAGE] = f"only {percents(covered, '.3g')} of A is covered"
     if round_trip > RETURN_EDGES_MAX:
-        texts.append(
+        texts[WarningTopic.ROUND_TRIP_ERROR] = (
             f"5% of the vertices have a round-trip error of {round_trip:.2g} edges or more"
         )
     return texts

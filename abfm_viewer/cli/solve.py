@@ -15,12 +15,19 @@ from typing import Any
 from abfm.batch import Row
 from abfm.errors import ColumnError, ParameterError, printable
 from abfm.outcome import Facts, Outcome
+from abfm.parameters import in_options
 from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
 from abfm_viewer import signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.exit_status import FAILED_STATUS, UNMATCHED_STATUS, UsageError, print_note
-from abfm_viewer.cli.interrupts import cancelled_by_signals
+from abfm_viewer.cli.exit_status import (
+    FAILED_STATUS,
+    UNMATCHED_STATUS,
+    UsageError,
+    cancelled_by_signals,
+    print_note,
+)
+from abfm_viewer.cli.explain import help_lines
 from abfm_viewer.cli.progress import long_steps, task_progress
 from abfm_viewer.files import outputs
 
@@ -127,6 +134,7 @@ class Solved:
         file = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
         if advice := self.task.report.advice(self.result, file):
             lines.append(f"advice: {advice}")
+        lines += help_lines(self.result.facts)
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -149,7 +157,7 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
         print_note(note)
     expected = task.expected()
     if expected is not None and not (quiet and expected.outcome.is_good):
-        text = f"{expected.headline}: {expected.reason}; {expected.advice}"
+        text = f"{expected.headline}: {expected.reason}; {in_options(expected.advice)}"
         print_note(text, "note" if expected.outcome.is_good else "warning")
     start = time.perf_counter()
     with task_progress(quiet) as report:

@@ -26,9 +26,7 @@ from abfm_viewer.panels import (
     solver,
 )
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child, tabs, window
-from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 Draw = Callable[[Context], None]
@@ -39,7 +37,7 @@ Tabs = dict[str, dict[str, Draw]]
 class Panels(NamedTuple):
     """Functions that draw the state of a run or result, and the tabs."""
 
-    state: Callable[[Ui, Session], None]
+    state: Draw
     tabs: Tabs  # by label; the parts of a tab are below each other
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import polyscope.imgui as imgui
 
 import abfm
+from abfm import troubleshooting
 from abfm.outcome import Facts, Outcome
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded_time
+from abfm_viewer.dialogs.dialogs import Line
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.kinds import SequenceDocument
@@ -18,7 +20,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import HELP_LABEL, TextTone, Ui
 
 # minimum, so that the parts below seldom move: six lines, or four lines and a row of buttons
 _STATE_HEIGHT = 130
@@ -27,6 +29,7 @@ _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
 _BAR_HEIGHT = 8  # as in the viewport; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
+_HELP_TIP = "Explain this outcome."
 _WARM_START_LABEL = "from the current field"
 _FOLLOW_TIP = (
     "During a run, a changed parameter or function restarts the solver from its current field. A "
@@ -38,7 +41,7 @@ _WARM_TIP = (
 )
 
 
-def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
+def draw(context: Context, draw_state: Callable[[Context], None]) -> None:
     """Draw the buttons, and the state of the run or of its result."""
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
@@ -49,27 +52,39 @@ def draw(context: Context, draw_state: Callable[[Ui, Session], None]) -> None:
     fits: Fits = "exactly" if session.solver.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown_row) is not None:
-            ui.note(f"{row.name}: {row.verdict}", row.facts.tone)
+            _draw_headline(context, f"{row.name}: {row.verdict}", row.facts.tone, row.facts.topics)
             ui.note(sentence(row.facts.reason or "it has no result yet"), "ink")
             ui.note(f"The surfaces still show {session.document.name}.")
         else:
-            draw_state(ui, session)
+            draw_state(context)
 
 
-def draw_subject(ui: Ui, session: Session) -> None:
+def draw_subject(context: Context) -> None:
     """Draw the state of a subject's match; without a match, that of its comparison."""
+    session = context.session
     compared, solver = session.document.active_comparison, session.solver
     if compared is None or solver.running or solver.failed or session.result is not None:
-        draw_match(ui, session)
+        draw_match(context)
     else:
-        _draw_compared(ui, compared)
+        _draw_compared(context, compared)
 
 
-def draw_match(ui: Ui, session: Session) -> None:
-    if session.solver.running:
-        _draw_progress(ui, session)
+def draw_match(context: Context) -> None:
+    if context.session.solver.running:
+        _draw_progress(context.ui, context.session)
     else:
-        _draw_verdict(ui, session)
+        _draw_verdict(context)
+
+
+def _draw_headline(context: Context, text: str, tone: TextTone, topics: Sequence[str]) -> None:
+    """Draw a headline, and a button that explains it in a dialog."""
+    ui = context.ui
+    ui.note(text, tone, ui.remaining_width(HELP_LABEL))
+    if ui.help_button(_HELP_TIP):
+        lines: list[Line] = []
+        for topic in topics:
+            lines += [(capital(topic), ""), *troubleshooting.paragraphs(topic)]
+        context.dialogs.show("Explanation", lines)
 
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
@@ -136,7 +151,8 @@ def draw_step(ui: Ui, step: Step) -> None:
     ui.note(capital(step.text()))
 
 
-def draw_sequence(ui: Ui, session: Session) -> None:
+def draw_sequence(context: Context) -> None:
+    ui, session = context.ui, context.session
     document, run = session.document, session.sequence_match
     assert isinstance(document, SequenceDocument)
     sequence, result = document.sequence, document.result
@@ -151,48 +167,53 @@ def draw_sequence(ui: Ui, session: Session) -> None:
         return
     outdated = document.is_outdated
     facts = result.facts
-    ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
-    if outdated:
-        ui.note("Frames or parameters have changed. Match all frames again.", "ink")
     now = document.interval
     verdict = result.verdicts[now]
+    topics = *facts.topics, *({verdict.topic} - {*facts.topics})
+    _draw_headline(context, capital(facts.headline), "muted" if outdated else facts.tone, topics)
+    if outdated:
+        ui.note("Frames or parameters have changed. Match all frames again.", "ink")
     interval = abfm.sequences.interval_headline(result, now)
     ui.note(f"Frame {now} to {now + 1}: {interval}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))
 
 
-def _draw_verdict(ui: Ui, session: Session) -> None:
+def _draw_verdict(context: Context) -> None:
+    ui, session = context.ui, context.session
     result, solver = session.result, session.solver
     if solver.failed:
         ui.note(f"The solver stopped: {solver.reason}", "failure")
     elif result is None:
         ui.note("No match yet", "ink")
-        _draw_before(ui, session)
+        _draw_before(context)
     if result is not None and session.steps.busy:
         ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
     elif result is not None and (facts := session.work.facts) is not None:
-        _draw_result(ui, session, result, facts)
+        _draw_result(context, result, facts)
 
 
-def _draw_before(ui: Ui, session: Session) -> None:
+def _draw_before(context: Context) -> None:
     """Draw the expected outcome of a match, or the reason why no match can start."""
+    ui, session = context.ui, context.session
     if (facts := session.work.expected_facts) is not None:
-        _draw_expected(ui, facts)
+        _draw_headline(context, _expected_text(facts), facts.tone, facts.topics)
         return
     failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
 
 
-def _draw_expected(ui: Ui, facts: Facts) -> None:
-    """Draw the expected outcome in one line; the tab Functions shows the reason."""
+def _expected_text(facts: Facts) -> str:
+    """Return the expected outcome in one line; the tab Functions shows the reason."""
     is_impossible = facts.outcome is Outcome.IMPOSSIBLE
-    ui.note(_IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline), facts.tone)
+    return _IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline)
 
 
-def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    ui.note(capital(facts.headline), "muted" if session.outdated else facts.tone)
+def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
+    ui, session = context.ui, context.session
+    tone = "muted" if session.outdated else facts.tone
+    _draw_headline(context, capital(facts.headline), tone, facts.topics)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
@@ -205,7 +226,7 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
     elif (expected := session.work.expected_facts) is not None:
-        _draw_expected(ui, expected)
+        ui.note(_expected_text(expected), expected.tone)
     else:
         ui.note("Functions or parameters have changed since this match.", "ink")
     _draw_remedies(ui, session, result, facts)
@@ -213,12 +234,14 @@ def _draw_result(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> 
         ui.note(numbers)
 
 
-def _draw_compared(ui: Ui, compared: Comparison) -> None:
+def _draw_compared(context: Context, compared: Comparison) -> None:
+    ui = context.ui
     found, number = compared.population, compared.subject
     verdict = found.verdicts[number] or "failed"
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
-    outlier = "" if found.fits[number] else ", outlier"
-    ui.note(f"{compared.name}: {verdict}{outlier}", "good" if is_good else "failure")
+    outlier = [] if found.fits[number] else [str(Outcome.OUTLIER)]
+    text, topics = ", ".join([f"{compared.name}: {verdict}", *outlier]), [*outlier, verdict]
+    _draw_headline(context, text, "good" if is_good else "failure", topics)
     if found.reasons[number]:
         ui.note(sentence(found.reasons[number]), "ink")
     about = "Shown on the template. Press Registration in the table to see the flow."

@@ -21,6 +21,7 @@ from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetR
 
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"  # text of a number that is chosen automatically
+HELP_LABEL = "?"  # of `Ui.help_button`
 TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
@@ -151,8 +152,9 @@ class Ui:
         finally:
             imgui.PopID()
 
-    def note(self, text: str, kind: TextTone = "muted") -> None:
-        imgui.PushTextWrapPos(0)
+    def note(self, text: str, kind: TextTone = "muted", room: float = 0) -> None:
+        """Write text that wraps at the panel's edge, or after ``room`` pixels."""
+        imgui.PushTextWrapPos(imgui.GetCursorPosX() + room if room else 0)
         self._write(text, getattr(self.colors, kind))
         imgui.PopTextWrapPos()
 
@@ -288,6 +290,16 @@ class Ui:
             ):
                 pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
             self._finish(text, "button", tip, shown, name=name)
+        return pressed
+
+    def help_button(self, tip: str) -> bool:
+        """Draw a button as high as a line of text after the previous text.
+
+        Return whether it was pressed.
+        """
+        imgui.SameLine()
+        pressed = bool(imgui.SmallButton(HELP_LABEL))
+        self._finish(HELP_LABEL, "button", tip)
         return pressed
 
     def checkbox(self, label: str, value: bool, tip: str = "") -> bool:

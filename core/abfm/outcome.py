@@ -1,4 +1,4 @@
-"""Outcomes of tasks, with their rank and colour, and the facts reported of a result."""
+"""Outcomes and warnings of tasks, and the facts reported of a result."""
 
 from __future__ import annotations
 
@@ -53,6 +53,24 @@ class Outcome(StrEnum):
         return "good" if self.is_good else "failure"
 
 
+class WarningTopic(StrEnum):
+    """Name of a warning; `abfm.troubleshooting` has a section for each."""
+
+    AREAS_CHANGE = "areas change"
+    LIMIT_EXCEEDED = "limit exceeded"
+    FOLDED_FACES = "folded faces"
+    FLIPPED_FACES = "flipped faces"
+    COLLAPSED_FACES = "collapsed faces"
+    LOW_COVERAGE = "low coverage"
+    ROUND_TRIP_ERROR = "round-trip error"
+    MAP_NOT_MEASURED = "map not measured"
+    UNRELIABLE_MAP = "unreliable map"
+    NOT_CONFIRMED = "intervals not confirmed"
+    RECOMPUTED_VALUES = "recomputed values"
+    HEMISPHERES = "hemispheres"
+    MESH_DEFECTS = "mesh defects"
+
+
 VERDICTS = tuple(outcome for outcome in Outcome if outcome.rank <= Outcome.IMPOSSIBLE.rank)
 """The outcomes that a match can have."""
 RESIDUAL_NEARLY = 0.15  # largest residual of the outcome `Outcome.NEARLY`
@@ -98,6 +116,9 @@ class Facts:
         Warnings about the result, one line each.
     is_complete : bool
         False if the run was interrupted (cancelled, or out of memory) or was never solved.
+    topics : tuple of str
+        Names of the sections of `abfm.troubleshooting` that explain the outcome and the warnings;
+        by default that of the outcome.
     """
 
     outcome: Outcome
@@ -107,6 +128,17 @@ class Facts:
     numbers: Mapping[str, float | None] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     is_complete: bool = True
+    topics: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        topics = dict.fromkeys(map(str, self.topics or [self.outcome]))  # without repetitions
+        object.__setattr__(self, "topics", tuple(topics))
+
+    @property
+    def needs_help(self) -> bool:
+        """Whether the result has warnings or an outcome other than matched or registered."""
+        is_plain = self.outcome in (Outcome.MATCHED, Outcome.REGISTERED) and self.is_complete
+        return not is_plain or bool(self.warnings)
 
     @property
     def tone(self) -> Tone:

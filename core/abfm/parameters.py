@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from contextlib import suppress
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import lru_cache
@@ -329,6 +330,15 @@ def as_option(name: str, value: object) -> str:
     """Return a parameter as a command-line option: ``--sigma 0.1`` or ``--set levels=2``."""
     text = f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
     return f"--{option(name)} {text}" if name in MAIN_FIELDS else f"--set {name}={text}"
+
+
+def in_options(advice: str) -> str:
+    """Return advice with its parameters as options: ``max_distortion 1`` as ``--max-distortion 1``.
+
+    Only parameters whose names are not common words are replaced.
+    """
+    names = "max_distortion", "landmark_sigma", "alpha", "sigma"
+    return re.sub(rf"\b({'|'.join(names)})\b", lambda found: f"--{option(found[0])}", advice)
 
 
 TITLES = {

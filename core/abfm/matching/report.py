@@ -13,7 +13,7 @@ from abfm.matching.path import NUMBERS, PathStep
 from abfm.matching.result import Match
 from abfm.mesh.subdivision import times_subdivided
 from abfm.outcome import Facts
-from abfm.parameters import as_option
+from abfm.parameters import as_option, in_options
 from abfm.wording import counted, number_text, percents
 
 STEP_COLUMNS = ("step", "sigma", "residual", "flow lines", "folded", "|log2 J|", "|log2 R|")
@@ -83,8 +83,8 @@ def value_text(value: object) -> str:
 def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
     """Return the advice with command-line options: ``refine (--refine 1 --start match.npz)``.
 
-    Advice that no option expresses is returned in words. Without the file ``result`` to start from,
-    the options start without motion.
+    Advice that changes no parameter is returned in words, with names of options. Without the file
+    ``result`` to start from, the options start without motion.
     """
     found = []
     for remedy in verdict.remedies:
@@ -93,7 +93,7 @@ def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
         words = [as_option(name, value) for name, value in remedy.parameters.items()]
         words += [f"--start {result}"] if remedy.starts_from_field and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
-    return ", or ".join(found) or facts.advice
+    return ", or ".join(found) or in_options(facts.advice)
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:

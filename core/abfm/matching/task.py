@@ -81,18 +81,17 @@ def facts_of_file(path: Path) -> Facts:
         if "path_steps" in found and "path_step" in found:
             step = found["path_steps"][int(found["path_step"])]
             numbers |= {name: float(step[NUMBERS.index(name)]) for name in _DISTORTIONS}
-        warnings = found["warnings"].tolist() if "warnings" in found else []
+        stored = found["warnings"].tolist() if "warnings" in found else []
     worse = worse_residual(numbers["residual"], numbers["verified_residual"])
+    warnings = distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan))
     return Facts(
         verdict.kind,
         headline_of(verdict.kind, worse),
         verdict.reason,
         verdict.advice,
         known_numbers(numbers),
-        (
-            *distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)),
-            *warnings,
-        ),
+        (*warnings.values(), *stored),
+        topics=(verdict.topic, *warnings),
     )
 
 

@@ -6,7 +6,10 @@ from functools import cache
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markdown_it import MarkdownIt
+from markupsafe import Markup
 
+from abfm import troubleshooting
 from abfm.wording import capital, sentence
 
 TEMPLATES = Path(__file__).parent / "template"
@@ -28,8 +31,14 @@ def environment(*folders: Path) -> Environment:
         undefined=StrictUndefined,
     )
     found.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    found.filters |= {"capital": capital, "sentence": sentence}
+    found.filters |= {"capital": capital, "explanation": _explanation, "sentence": sentence}
     return found
+
+
+def _explanation(topic: str) -> Markup:
+    """Return a section of the page Troubleshooting as HTML."""
+    markdown = MarkdownIt("commonmark", {"html": False})
+    return Markup(markdown.render(troubleshooting.section(topic)))
 
 
 def stylesheet(*paths: Path) -> str:

@@ -160,7 +160,10 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """Panels below a headline, with facts and notes. Without a clock the page has no time bar."""
+    """Panels below a headline, with facts and notes. Without a clock the page has no time bar.
+
+    The sections `topics` of `abfm.troubleshooting` explain the headline.
+    """
 
     title: str
     headline: str
@@ -170,6 +173,7 @@ class Page:
     about: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    topics: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
         """Return the HTML. An embedded page has no title and no text below the panels."""

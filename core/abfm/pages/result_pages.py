@@ -149,7 +149,8 @@ def correspondence_page(found: Correspondence, title: str, up: str | None = None
     if reported is None:
         return Page(title, sizes, panels, facts=facts)
     tone, notes = reported.tone, reported.notes
-    return Page(title, reported.headline, panels, None, tone, capital(sizes), facts, notes)
+    words = reported.headline, panels, None, tone, capital(sizes), facts, notes, reported.topics
+    return Page(title, *words)
 
 
 def correspondence_headline(found: Correspondence) -> str:
@@ -178,7 +179,8 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
     if (count := len(found.channels)) > CHANNELS_MAX:
         notes.append(f"the page shows the first {CHANNELS_MAX} of {count} channels")
     facts = found.facts
-    return Page(title, facts.headline, panels, tone=facts.tone, notes=[*facts.notes, *notes])
+    notes = [*facts.notes, *notes]
+    return Page(title, facts.headline, panels, tone=facts.tone, notes=notes, topics=facts.topics)
 
 
 def _layers(found: Population, c: int) -> list[Layer]:
@@ -293,14 +295,22 @@ def _page(found: Match | Registration, title: str, about: str, panels: list[Pane
     match = found.match if isinstance(found, Registration) else found
     tau = match.parameters.tau
     clock = Clock(0.0, tau, _PLAY_SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
-    reported = found.facts.notes
+    facts = found.facts
+    reported = facts.notes
     if (count := match.source.shape[1]) > CHANNELS_MAX:
         reported.append(f"the page shows the first {CHANNELS_MAX} of {count} pairs of functions")
-    words = found.facts.headline, found.facts.tone
     specs = zip(*(side[:CHANNELS_MAX] for side in match.problem.specs), strict=True)
     about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
     return Page(
-        title, words[0], panels, clock, words[1], about, _facts(match, found.facts), reported
+        title,
+        facts.headline,
+        panels,
+        clock,
+        facts.tone,
+        about,
+        _facts(match, facts),
+        reported,
+        facts.topics,
     )
 
 

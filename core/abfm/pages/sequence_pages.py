@@ -108,7 +108,17 @@ def sequence_page(
     ]
     about = f"A sequence of {len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
     panel, clock = Panel("", mesh, layers, front, paths), clock_of(times, labels, spans)
-    return Page(title, facts.headline, [panel], clock, facts.tone, about, shown_facts, notes)
+    return Page(
+        title,
+        facts.headline,
+        [panel],
+        clock,
+        facts.tone,
+        about,
+        shown_facts,
+        notes,
+        facts.topics,
+    )
 
 
 def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Layer], list[str]]:

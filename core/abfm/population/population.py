@@ -215,7 +215,10 @@ class Population(Display):
             for i in self.worst_first()
             if not self.fits[i]
         ]
-        return Facts(outcome, self.headline, reason, advice, warnings=tuple(outliers))
+        topics = (str(outcome), *([Outcome.OUTLIER] if outliers else []))
+        return Facts(
+            outcome, self.headline, reason, advice, warnings=tuple(outliers), topics=topics
+        )
 
     @property
     def main_channel(self) -> int:

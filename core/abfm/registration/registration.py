@@ -19,7 +19,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.result import Match, match_of, match_parts, substitutes
-from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
+from abfm.outcome import Facts, Outcome, WarningTopic, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.types import File, FloatArray
 from abfm.wording import share
@@ -139,7 +139,8 @@ class Registration(Correspondence):
             distortion = self.distortion()
         except AbfmError as error:  # flow lines of the field cross too many faces
             warnings = (*match.facts.warnings, *self.warnings, str(error))
-            return replace(match.facts, warnings=warnings)
+            topics = (*match.facts.topics, WarningTopic.MAP_NOT_MEASURED)
+            return replace(match.facts, warnings=warnings, topics=topics)
         report, faces = match.report, len(distortion.flipped)
         folded, flipped = distortion.folded, self.flipped_by_vertices()
         is_known = not math.isnan(self.residual)
@@ -163,15 +164,19 @@ class Registration(Correspondence):
             "folded_faces": folded,
             "flipped_by_vertices": flipped,
         }
-        warnings = (*facts.warnings, *self.warnings)
+        warnings, topics = (*facts.warnings, *self.warnings), facts.topics
+        if self.warnings and Cause.INITIAL_MAP not in topics:
+            topics += (Cause.INITIAL_MAP,)
         if folded:
             warnings += (f"{folded:,} of {faces:,} faces of B are folded by the map to A",)
+            topics += (WarningTopic.FOLDED_FACES,)
         if flipped and is_sphere(self.b):
             count = f"{flipped:,} of {len(self.a.faces):,} faces of A"
             reason = "are flipped if only its vertices are moved to B, as in a sphere.reg file"
             warnings += (f"{count} {reason}",)
+            topics += (WarningTopic.FLIPPED_FACES,)
         numbers = {**facts.numbers, **known_numbers(of_map)}
-        return replace(facts, numbers=numbers, warnings=warnings)
+        return replace(facts, numbers=numbers, warnings=warnings, topics=topics)
 
     @property
     def landmark_errors(self) -> FloatArray | None:

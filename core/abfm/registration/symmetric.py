@@ -119,7 +119,8 @@ def load_symmetric(path: File) -> SymmetricRegistration:
 
 def _facts(text: str) -> Facts:
     values = json.loads(text)
-    values |= {"outcome": Outcome(values["outcome"]), "warnings": tuple(values["warnings"])}
+    values |= {name: tuple(values[name]) for name in ("warnings", "topics")}
+    values["outcome"] = Outcome(values["outcome"])
     return Facts(**values)
 
 

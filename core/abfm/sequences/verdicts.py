@@ -13,7 +13,7 @@ from abfm.matching.problem import Problem
 from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.outcome import Facts, Outcome, worse_residual
+from abfm.outcome import Facts, Outcome, WarningTopic, worse_residual
 from abfm.sequences.noise import NOISE_FACTOR, explains_too_little, noise_floor
 from abfm.sequences.solving.solve import IntervalMeasures
 from abfm.types import FloatArray
@@ -60,6 +60,7 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
     warnings = [f"{counted(missing, 'interval')} not solved"] if missing else []
     if outcome.is_good and unconfirmed:
         warnings.append(f"{counted(unconfirmed, 'interval')} not confirmed")
+    topics = Counter(verdict.topic for verdict in verdicts if verdict.kind is outcome)
     return Facts(
         outcome,
         f"{outcome}: {share} confirmed",
@@ -70,6 +71,11 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
         },
         warnings=tuple(warnings),
         is_complete=not missing,
+        topics=(
+            topics.most_common(1)[0][0],
+            *([Cause.NOT_SOLVED] if missing else []),
+            *([WarningTopic.NOT_CONFIRMED] if outcome.is_good and unconfirmed else []),
+        ),
     )
 
 

@@ -12,6 +12,7 @@ from abfm.errors import ResultError, one_line
 from abfm.io import results
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
+from abfm.parameters import in_options
 from abfm.tasks.inputs import Input
 from abfm.tasks.monitor import Monitor
 from abfm.types import File, FloatArray
@@ -77,7 +78,7 @@ class ResultFile(NamedTuple):
 
 
 def _advice(found: Any, result: str) -> str:
-    return str(found.facts.advice)
+    return in_options(found.facts.advice)
 
 
 class Report(NamedTuple):

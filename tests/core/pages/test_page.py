@@ -16,6 +16,7 @@ from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
 from abfm.pages.packing import Store, quantized
 from abfm.pages.sequence_pages import PART_VALUES_MAX, VALUES_MAX, frame_layers
+from abfm.wording import capital
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -181,6 +182,7 @@ def test_page_of_a_match_advects_source_to_target():
     page = match_page(match, "a match")
     names = [panel.title for panel in page.panels]
     assert names == ["source", "advected", "target"]
+    assert f"<h4>{capital(match.verdict.topic)}</h4>" in page.html()
     source, advected, target = (panel.layers[0] for panel in page.panels)
     np.testing.assert_allclose(advected.values[0], source.values, atol=1e-12)
     np.testing.assert_allclose(advected.values[-1], match.advected[:, 0], atol=1e-9)

@@ -19,6 +19,8 @@ from abfm.functions import families
 from abfm.matching.report import path_lines
 from abfm.matching.task import MatchTask
 from abfm.parameters import FIELDS, MAIN_FIELDS
+from abfm.troubleshooting import names as section_names
+from abfm.troubleshooting import slug
 from abfm.workers import progress
 from abfm_viewer.cli import commands, main
 from abfm_viewer.cli.options import Parser
@@ -94,7 +96,9 @@ def test_help_shows_the_main_options(command, capsys):
     """Help has the declared options, about 12; its last line names ``--help-all``."""
     text, complete = (help_text(f"{command} --{name}", capsys) for name in ("help", "help-all"))
     names = option_names(text)
-    assert 2 <= len([name for name in names if not name.startswith("help")]) <= 14
+    count = len([name for name in names if not name.startswith("help")])
+    assert count <= 14
+    assert count >= 2 or command == "explain"
     assert set(names) <= set(option_names(complete))
     last_line = text.splitlines()[-1]
     assert last_line.startswith(f"abfm {command} --help-all ") == (text != complete)
@@ -249,17 +253,31 @@ def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
     output = abfm(f"{MATCH} --out {{t}}/m.npz", status=UNREACHED)
     match = load(tmp_path / "m.npz")
     assert output.err == ""
-    headline, reason, numbers, *table, wrote, advice = output.out.splitlines()
+    headline, reason, numbers, *table, wrote, advice, help_line = output.out.splitlines()
     assert (headline, reason) == (match.facts.headline, match.facts.reason)
     check_names(numbers, f"{match.residual:.3g}", f"{match.verified_residual:.3g}")
     assert wrote.endswith(f" s; wrote {tmp_path}/m.npz")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
     assert MatchTask.report.advice(match, f"{tmp_path}/m.npz") in advice
+    assert help_line == f"help: abfm explain {slug(match.verdict.cause)}"
     out = abfm(f"{MATCH} --out {{t}}/m.npz --source expression:1", status=UNREACHED).out
-    headline, reason, *_, advice = out.splitlines()
+    headline, reason, *_, advice, help_line = out.splitlines()
     assert headline.startswith("impossible")
     check_message(reason)
     check_message(advice)
+    assert help_line == "help: abfm explain source-constant"
+    assert abfm(help_line.removeprefix("help: abfm ")).out.startswith("Source constant\n\n")
+    assert abfm("info {t}/m.npz").out.splitlines()[-1] == help_line
+
+
+def test_explain_lists_all_sections_and_refuses_others(abfm):
+    lines = abfm("explain").out.splitlines()
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == [
+        slug(name) for name in section_names()
+    ]
+    two = abfm("explain nearly Areas_change").out
+    assert re.findall(r"^[A-Z][a-z ]+$", two, re.MULTILINE) == ["Nearly", "Areas change"]
+    check_names(abfm("explain outlyer", status=2).err, "outlyer", "outlier")
 
 
 def test_advice_improves_the_match(tmp_path, abfm):

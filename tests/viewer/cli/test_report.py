@@ -145,6 +145,8 @@ def test_map_without_functions_has_warnings(abfm, tmp_path):
     assert "A map without functions" in page.text
     assert len(page.pictures) == 4 * 2 + 2
     assert json.loads(page.facts)["map"]["folded"] == folded
+    assert "folded faces" in json.loads(page.facts)["topics"]
+    assert "turned over by the map" in page.text
 
 
 def test_match_on_one_surface_has_its_page(abfm, tmp_path):
@@ -153,6 +155,7 @@ def test_match_on_one_surface_has_its_page(abfm, tmp_path):
     abfm(f"report {{t}}/m.npz --out {{t}}/m.html {SMALL}")
     page = page_at(tmp_path / "m.html")
     assert "A match on a surface of 162 vertices" in page.text
+    assert "What does this mean?" in page.text
     assert "function 1, advected, back" in page.pictures
     assert "initial_map" not in json.loads(page.facts)
 

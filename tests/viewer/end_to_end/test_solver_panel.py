@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 import abfm
-from abfm.matching import Remedy
+from abfm.matching import Cause, Remedy
+from abfm.troubleshooting import summary
 from abfm.workers.control import current_control
 from abfm_viewer.computing.iterates import IteratePicture
 from abfm_viewer.computing.run import Process
@@ -132,7 +133,7 @@ def long_range_pair(gui, width, **values):
 
 def test_tour_of_the_verdict(gui, walk):
     """The texts about results and runs are shown, and each of the buttons is used."""
-    walk(gui, match_an_outdated_result_again)
+    walk(gui, match_an_outdated_result_again, explain_the_verdict)
     change_parameters_by_remedies(gui)
     walk(gui, report_a_squeezed_source, limit_the_distortion, continue_near_the_end)
 
@@ -154,6 +155,20 @@ def match_an_outdated_result_again(gui, notes):
     assert "Match again" not in gui.labels()
 
 
+def explain_the_verdict(gui):
+    """Show the sections about the verdict in a dialog."""
+    session = gui.session
+    verdict = replace(session.result.verdict, cause=Cause.SOURCE_UNMOVED)
+    session.editor.amend(result=replace(session.result, verdict=verdict))
+    gui.frames(2)
+    gui.click("?")
+    title, lines, _ = vars(gui.window.dialogs._open[-1][0]).values()
+    assert title == "Explanation"
+    assert lines[0] == ("Source unmoved", "")
+    assert lines[1].startswith(summary("source unmoved"))
+    gui.click("Close")
+
+
 def change_parameters_by_remedies(gui):
     """Press each remedy, which changes its parameters and starts a run."""
     result = gui.session.result
@@ -161,6 +176,7 @@ def change_parameters_by_remedies(gui):
         "Reach further": {"reach": 0.5},
         "More time": {"iterations": 60},
         "Smoother": {"alpha": 0.03, "sigma": 0.01},
+        "Less smooth": {"alpha": 0.01},
         "Refine": {"refine": 1},
         "Match closer": {"sigma": 0.5},
     }.items():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from abfm.matching.judging.cause import Cause, limit_sentence, sentence_of
 from abfm.matching.judging.verdict import Evidence, Verdict, sentence_of_bound
 from abfm.matching.solving.record import StopReason
-from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
+from abfm.outcome import Facts, Outcome, WarningTopic, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 from abfm.wording import counted, factor, share
@@ -54,14 +54,16 @@ class Report:
             headline += f", distortion within {bound.max_distortion:g}"
             if verdict.cause is not Cause.DISTORTION_LIMITED:
                 reason += f"; {sentence_of_bound(bound)}"
+        warnings = self._warnings()
         return Facts(
             verdict.kind,
             headline,
             reason,
             "" if is_given else self._advice(),
             self._numbers(),
-            self._warnings(),
+            tuple(warnings.values()),
             evidence.stop_reason not in _UNFINISHED_REASONS,
+            (verdict.topic, *warnings),
         )
 
     @property
@@ -152,13 +154,17 @@ class Report:
             }
         return known_numbers(numbers)
 
-    def _warnings(self) -> tuple[str, ...]:
-        found = [self.load_warning] if self.load_warning else []
+    def _warnings(self) -> dict[WarningTopic, str]:
+        found = {}
+        if self.load_warning:
+            found[WarningTopic.RECOMPUTED_VALUES] = self.load_warning
         if (bound := self.evidence.bound) is not None and not bound.is_satisfied:
             within = f"{100 * bound.share:.1f}% of the faces are within the bound"
             exceeded = f"the distortion exceeds the bound of {bound.max_distortion:g}"
-            found.append(f"{exceeded}: {within}, {counted(bound.folded, 'face')} folded")
-        return (*found, *distortion_warnings(self.verdict.kind, self.log2_area_95))
+            found[WarningTopic.LIMIT_EXCEEDED] = (
+                f"{exceeded}: {within}, {counted(bound.folded, 'face')} folded"
+            )
+        return found | distortion_warnings(self.verdict.kind, self.log2_area_95)
 
 
 def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
@@ -175,15 +181,16 @@ def _residual(residual: float) -> str:
     return f"residual {share(residual)}"
 
 
-def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...]:
+def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTopic, str]:
     """Return the warning of a good result whose map changes areas strongly; empty if there is none.
 
     ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
     """
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
-        return ()
+        return {}
     times = factor(log2_area_95)
-    return (f"5% of the surface changes its area by a factor of {times} or more",)
+    warning = f"5% of the surface changes its area by a factor of {times} or more"
+    return {WarningTopic.AREAS_CHANGE: warning}
 
 
 def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:

@@ -49,6 +49,7 @@ def expected_facts(problem: Problem) -> Facts | None:
         sentence_of(found.cause, **found.details),
         ADVICE[found.cause],
         {"initial_residual": initial, "residual_bound": solvability.range_bound(functions)},
+        topics=(found.cause,),
     )
 
 

@@ -13,6 +13,7 @@ _DEFAULTS = Parameters()
 _PARAMETER_FACTOR = 3.0  # between the present and the suggested value
 _SIGMA_FACTOR = 10.0  # the same for sigma, if the source did not move to the target
 _ITERATIONS_FACTOR = 4
+_LARGE_ALPHA_FACTOR = 10.0  # times the default; a larger alpha is reduced
 # besides a reach, the search for a distant target needs the defaults of these parameters
 _CONTINUATION_NAMES = (
     "order",
@@ -147,6 +148,16 @@ class Remedies:
             _rounded(_PARAMETER_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), ALPHA_MAX
         )
         return Remedy("Smoother", f"use a larger alpha, such as {alpha:g}", {"alpha": alpha})
+
+    def smaller_alpha(self) -> Remedy | None:
+        """Return a run with the default alpha; None unless the present one is much larger.
+
+        It starts without motion, because the field may have moved to a wrong place.
+        """
+        alpha = _DEFAULTS.alpha
+        if self._parameters.alpha <= _LARGE_ALPHA_FACTOR * alpha:
+            return None
+        return Remedy("Less smooth", f"use a smaller alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_sigma(self) -> Remedy:
         """Return a run with a smaller sigma, from the present field."""

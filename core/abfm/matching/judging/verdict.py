@@ -70,6 +70,11 @@ class Verdict:
         return self.reason.partition(": ")[2]
 
     @property
+    def topic(self) -> str:
+        """Name of the section of `abfm.troubleshooting` on the cause, or else on the outcome."""
+        return str(self.kind if self.cause is Cause.NONE else self.cause)
+
+    @property
     def change(self) -> str:
         """The first and the last residual."""
         return self.reason.partition(": ")[0]
@@ -289,10 +294,12 @@ class _Case:
             return self._of_obstacle(missing_values(self.functions), Outcome.NEARLY)
         if self._is_cut_short():
             return self._of_interruption(Outcome.NEARLY)
-        verified = self.evidence.verified
+        verified, less_smooth = self.evidence.verified, self.remedies.smaller_alpha()
         if self.is_verified and verified > max(self.parameters.goal, self.evidence.residual):
-            return self._verdict(Outcome.NEARLY, Cause.PARTLY_CONFIRMED, *self._more_consistent())
-        return self._verdict(Outcome.NEARLY, Cause.NONE, self.remedies.smaller_sigma())
+            suggestions = self._more_consistent() or ([less_smooth] if less_smooth else [])
+            return self._verdict(Outcome.NEARLY, Cause.PARTLY_CONFIRMED, *suggestions)
+        closer = less_smooth or self.remedies.smaller_sigma()
+        return self._verdict(Outcome.NEARLY, Cause.NONE, closer)
 
     def not_reached(self) -> Verdict:
         """Return the verdict of all other matches, with the cause of the large residual."""
@@ -301,13 +308,14 @@ class _Case:
             evidence.stop_reason is StopReason.ITERATION_LIMIT
             and self.parameters.solver.iterations < _FALL_ITERATIONS
         )
+        less_smooth = remedies.smaller_alpha()
         if self.squeezed:
             return self._of_squeezed_source()
         if evidence.stop_reason.is_interrupted:
             return self._of_interruption(Outcome.NOT_REACHED)
         if solvability.hardly_moved(self.functions, evidence.advected) and not hardly_began:
             larger_reach = (remedies.larger_reach(),) if remedies.is_beyond_reach else ()
-            suggestions = (*larger_reach, remedies.much_smaller_sigma())
+            suggestions = (*larger_reach, less_smooth or remedies.much_smaller_sigma())
             return self._verdict(Outcome.NOT_REACHED, Cause.SOURCE_UNMOVED, *suggestions)
         if self.is_measured and not self.has_improved:
             return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_IMPROVEMENT)
@@ -321,7 +329,7 @@ class _Case:
             larger_alpha = remedies.larger_alpha()
             return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, larger_alpha)
         finer = remedies.finer_mesh() if self.is_narrow else None
-        suggestions = (finer or remedies.smaller_sigma(),)
+        suggestions = (less_smooth or finer or remedies.smaller_sigma(),)
         return self._verdict(Outcome.NOT_REACHED, Cause.NEEDS_ROUGHER_FIELD, *suggestions)
 
     def _verdict(

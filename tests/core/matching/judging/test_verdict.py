@@ -331,6 +331,7 @@ def remedies(parameters, degrees=60, width=0.1, refined=0):
         (["Reach further"], 150, Parameters.of(reach=0.0, refine=0)),
         (["More time", "Continue"], 60, Parameters.of(iterations=20, refine=0)),
         (["Match closer", "Refine"], 90, Parameters(sigma=1.5)),
+        (["Less smooth"], 60, Parameters(alpha=10.0, sigma=0.1)),
         (["Smoother", "Refine"], 90, Parameters.of(order=1, alpha=0.001, refine=0)),
     ],
 )
@@ -392,7 +393,10 @@ def test_remedy_changes_only_different_parameters():
     st.lists(st.tuples(SHARE, SHARE | st.just(np.nan), st.integers(0, 9)), min_size=6, max_size=6),
 )
 def test_remedies_never_undo_each_other(p, reason, outcomes):
-    """Alpha, order, reach and refinement only grow, and sigma only falls, for any outcomes."""
+    """Alpha, order, reach and refinement only grow, and sigma only falls.
+
+    This is true for any outcome of each run. Alpha falls only from more than ten times its default.
+    """
     problem = FunctionTerm(EGG, around(0), around(60))
     for mismatch, verified, choice in outcomes:
         evidence = Evidence(
@@ -402,7 +406,8 @@ def test_remedies_never_undo_each_other(p, reason, outcomes):
         if not found:
             return
         following = p.with_values(**found[choice % len(found)].parameters)
-        for name in ("alpha", "order", "reach", "iterations"):
+        assert following.alpha >= p.alpha or p.alpha > 0.1, found
+        for name in ("order", "reach", "iterations"):
             assert following.to_dict()[name] >= p.to_dict()[name], found
         assert (following.refine or 0) >= (p.refine or 0)
         assert following.last_sigma <= p.last_sigma

@@ -1,0 +1,57 @@
+"""`abfm explain`: the meaning of an outcome, a cause or a warning, and what to do."""
+
+import argparse
+import shutil
+import textwrap
+
+from abfm import troubleshooting
+from abfm.outcome import Facts
+from abfm.wording import capital
+from abfm_viewer.cli import options
+
+SUMMARY = "explain an outcome, a cause or a warning"
+DESCRIPTION = """\
+Explain outcomes, causes and warnings: what they mean and what to do. The last line of a report
+names those of its result. Without a name, list all of them.
+
+Examples:
+  abfm explain
+  abfm explain values-differ
+"""
+_WIDTH_MAX = 100
+
+
+def add_arguments(parser: options.Parser) -> None:
+    add = options.adder(parser)
+    add("names", "outcomes, causes or warnings", "[NAME...]", nargs="*", default=[])
+
+
+def run(arguments: argparse.Namespace) -> int:
+    texts = [_explanation(name) for name in arguments.names]
+    print("\n\n".join(texts) if texts else _overview())
+    return 0
+
+
+def help_lines(facts: Facts) -> list[str]:
+    """Return the line that names the sections about a result; none if it needs no explanation."""
+    names = " ".join(map(troubleshooting.slug, facts.topics))
+    return [f"help: abfm explain {names}"] if facts.needs_help else []
+
+
+def _explanation(name: str) -> str:
+    width = min(shutil.get_terminal_size().columns, _WIDTH_MAX)
+    lines = [capital(troubleshooting.title(name)), ""]
+    for text in troubleshooting.paragraphs(name):
+        is_item = text.startswith("- ")
+        if is_item and lines[-2].startswith(("- ", "  ")):
+            lines.pop()  # no empty line between the items of a list
+        lines += [*textwrap.wrap(text, width, subsequent_indent="  " * is_item), ""]
+    return "\n".join(lines[:-1])
+
+
+def _overview() -> str:
+    blocks = []
+    for group, names in troubleshooting.groups().items():
+        lines = (f"  {troubleshooting.slug(n):<25}{troubleshooting.summary(n)}" for n in names)
+        blocks.append("\n".join([f"{group}:", *lines]))
+    return "\n\n".join(blocks)
