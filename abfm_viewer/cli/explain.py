@@ -1,4 +1,4 @@
-"""`abfm explain`: the meaning of an outcome, a cause or a warning, and what to do."""
+"""`abfm explain`: the meaning of an outcome, a cause or a warning, and the next steps."""
 
 import argparse
 import shutil
@@ -11,7 +11,7 @@ from abfm_viewer.cli import options
 
 SUMMARY = "explain an outcome, a cause or a warning"
 DESCRIPTION = """\
-Explain outcomes, causes and warnings: what they mean and what to do. The last line of a report
+Explain the meaning of outcomes, causes and warnings, and the next steps. The last line of a report
 names those of its result. Without a name, list all of them.
 
 Examples:

@@ -133,7 +133,8 @@ def long_range_pair(gui, width, **values):
 
 def test_tour_of_the_verdict(gui, walk):
     """The texts about results and runs are shown, and each of the buttons is used."""
-    walk(gui, match_an_outdated_result_again, explain_the_verdict)
+    walk(gui, match_an_outdated_result_again)
+    explain_the_verdict(gui)
     change_parameters_by_remedies(gui)
     walk(gui, report_a_squeezed_source, limit_the_distortion, continue_near_the_end)
 
