@@ -1,6 +1,6 @@
 """Fields of `abfm.sequence` for waves with known motion on a cortex.
 
-    python -m benchmarks.waves --write docs/sequences.md --picture docs/images/waves.png
+    python -m benchmarks.waves --write docs/sequences.md
 
 By default, the surface is the left white surface of fsaverage5, which nilearn contains.
 """
@@ -83,55 +83,17 @@ class Case(NamedTuple):
 _mesh = cache(load_mesh)
 
 
-def _rows(cases: list[Case], jobs: int | None, picture: Path | None) -> Iterator[Cells]:
-    results = []
+def _rows(cases: list[Case], jobs: int | None) -> Iterator[Cells]:
     for case, errors in zip(cases, mapped(Case.errors, cases, jobs), strict=True):
-        results.append((case, errors))
         yield known_cells(case.kind, case.noise, case.displacement, errors)
-    if picture:
-        draw(results, picture)
-
-
-def draw(results: list[tuple[Case, FloatArray]], path: Path) -> None:
-    """Plot mean errors over the kinds against displacements, one column per noise."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 5.6), layout="constrained")
-    plots = figure.subplots(2, len(NOISES), sharex=True, sharey="row", squeeze=False)
-    names = ("Horn-Schunck, best smoothness", "abfm, frame by frame", "abfm, together in time")
-    styles = (("#8a8f98", "s", "--"), ("#3b7dd8", "o", "-"), ("#d1495b", "o", "-"))
-    for column, noise in enumerate(NOISES):
-        means = np.array(
-            [
-                np.mean([e for c, e in results if (c.noise, c.displacement) == (noise, d)], axis=0)
-                for d in DISPLACEMENTS
-            ]
-        )
-        for row, (word, factor) in enumerate((("angle, degrees", 1), ("speed, %", 100))):
-            plot = plots[row, column]
-            for number, (name, (color, marker, line)) in enumerate(zip(names, styles, strict=True)):
-                values = factor * means[:, number, row]
-                plot.plot(DISPLACEMENTS, values, line, color=color, marker=marker, label=name)
-            plot.set_xscale("log", base=2)
-            plot.set_xticks(DISPLACEMENTS, [f"{d:g}" for d in DISPLACEMENTS])
-            plot.spines[["top", "right"]].set_visible(False)
-            plot.grid(color="#e6e8ec")
-            if column == 0:
-                plot.set_ylabel(f"error of {word}")
-        plots[0, column].set_title(f"{100 * noise:g}% noise" if noise else "no noise")
-        plots[1, column].set_xlabel("displacement (edges per frame)")
-    for row in plots:  # plots in a row share their range
-        row[0].set_ylim(bottom=0)
-    plots[0, 0].legend(frameon=False, fontsize=8.5)
-    figure.savefig(path, dpi=115)
 
 
 def tables(arguments: argparse.Namespace) -> Mapping[str, Table]:
     surface = arguments.surface or fsaverage5() / "white_left.gii.gz"
     cases = [Case(surface, *each) for each in product(KINDS, DISPLACEMENTS, NOISES)]
-    rows = _rows(cases, arguments.jobs, arguments.picture)
+    rows = _rows(cases, arguments.jobs)
     return {"waves": Table(("wave", *HEADINGS), rows)}
 
 
 if __name__ == "__main__":
-    main(__doc__, tables, surface="another surface", picture="a plot of the errors")
+    main(__doc__, tables, surface="another surface")

@@ -1,28 +1,64 @@
 """Make the pictures of README and documentation: ``python docs/pictures.py [NAME...]``.
 
-Each picture is the output of a command or a screenshot of the app. Without names, all are made.
+NAME is the name of a file in ``docs/images``; without names, all are made. Each picture is the
+output of a command, a screenshot of the app, or drawn by a module of ``docs/drawing``.
 """
 
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from nilearn.datasets import fetch_surf_fsaverage
+from PIL import Image
 
 import abfm
 from abfm.assets import asset_path
+from abfm.parameters import FIGURES
 from abfm_viewer.appearance.samples import CORTEX, WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.cli import main
-from abfm_viewer.window.wave import turning_wave
+from abfm_viewer.window.wave import fsaverage5, turning_wave
 
-IMAGES = Path(__file__).parent / "images"
+DOCS = Path(__file__).parent
+IMAGES = DOCS / "images"
 SIZE = (1600, 1000)
+"""Of the window, in pixels."""
+SIZE_MAX = (1000, 1300)
+"""Of other pictures, in pixels."""
+_BYTES_MAX = 400_000
+_LEVELS = 63  # of red, green and blue in pictures that would be too large otherwise
+_DATA = DOCS.parents[1]  # of other repositories, which are cloned next to this one
 _HUMAN = asset_path("human_fine_A.off")
 _SOURCE = "gaussian:vertex=1856,width=0.08"
 _TARGET = "gaussian:vertex=4108,width=0.08"
+_DISTANT = (
+    *("match", asset_path("fandisk.off"), "--source", "gaussian:vertex=6412,width=0.1"),
+    *("--target", "gaussian:vertex=3814,width=0.1"),
+)
+_PAPER = (  # the energy and the continuation of the paper
+    *("--alpha", 0.02, "--sigma", 0.001, "--refine", 0),
+    *("--set", "sigma_unit=absolute", "--set", "reach=0", "--set", "order=1", "--set", "levels=1"),
+    *("--set", "cooling_stages=3", "--set", "cooling_factor=10", "--set", "iterations=150"),
+)
+
+
+def store(picture: Image.Image, name: str) -> None:
+    """Save a picture in ``docs/images``, in a file of limited size."""
+    picture = picture.convert("RGB")
+    if not name.startswith("window"):
+        picture.thumbnail(SIZE_MAX, Image.Resampling.LANCZOS)
+    path, full, share = IMAGES / name, picture, 1.0
+    picture.save(path, optimize=True)
+    while path.stat().st_size > _BYTES_MAX:  # reduce the colours, then also the size
+        width, height = (round(share * length) for length in full.size)
+        reduced = full.resize((width, height), Image.Resampling.LANCZOS)
+        levels = np.round(np.asarray(reduced) * (_LEVELS / 255)) * (255 / _LEVELS)
+        Image.fromarray(np.round(levels).astype(np.uint8)).save(path, optimize=True)
+        share *= 0.95
 
 
 def _run(*words: object) -> None:
@@ -30,93 +66,189 @@ def _run(*words: object) -> None:
         raise SystemExit(f"failed: abfm {' '.join(map(str, words))}")
 
 
+def _render(result: Path, name: str) -> None:
+    picture = result.with_suffix(".png")
+    _run("render", result, "--out", picture)
+    store(Image.open(picture), name)
+
+
+def _data(repository: str, *path: str) -> Path:
+    """Return a folder of another repository."""
+    folder = _DATA.joinpath(repository.split("/")[1], *path)
+    if not folder.is_dir():
+        raise SystemExit(f"{folder} is missing: clone https://github.com/{repository} to {_DATA}")
+    return folder
+
+
+# Pictures of results
+
+
 def match(folder: Path) -> None:
     """Draw the sheet and the moving picture of a match."""
-    match = folder / "match.npz"
-    _run("match", _HUMAN, "--source", _SOURCE, "--target", _TARGET, "--out", match)
-    _run("render", match, "--out", IMAGES / "match.png")
-    _run("render", match, "--out", IMAGES / "flow.gif", "--size", "720x400", "--fps", 15)
+    result = folder / "match.npz"
+    _run("match", _HUMAN, "--source", _SOURCE, "--target", _TARGET, "--out", result)
+    _render(result, "match.png")
+    _run("render", result, "--out", IMAGES / "flow.gif", "--size", "720x400", "--fps", 15)
 
 
 def cortex(folder: Path) -> None:
     """Draw the registration of the sulcal depth of a left to a right hemisphere."""
-    data = fetch_surf_fsaverage("fsaverage5")
-    _run(
-        *("register", data["sphere_left"], data["sphere_right"], "--initial", "sphere:mirror"),
-        *("--source", f"file:{data['sulc_left']}", "--target", f"file:{data['sulc_right']}"),
-        *("--out", folder / "cortex.npz"),
+    sphere, depth = (
+        [fsaverage5() / f"{name}_{side}.gii.gz" for side in ("left", "right")]
+        for name in ("sphere", "sulc")
     )
-    _run("render", folder / "cortex.npz", "--out", IMAGES / "cortex.png")
+    functions = "--source", f"file:{depth[0]}", "--target", f"file:{depth[1]}"
+    result = folder / "cortex.npz"
+    _run("register", *sphere, "--initial", "sphere:mirror", *functions, "--out", result)
+    _render(result, "cortex.png")
 
 
 def sequence(folder: Path) -> None:
     """Draw frames of a wave on a sphere with the recovered velocity."""
-    sphere = fetch_surf_fsaverage("fsaverage5")["sphere_left"]
+    sphere, result = fsaverage5() / "sphere_left.gii.gz", folder / "wave.npz"
     mesh = abfm.load_mesh(sphere)
     directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
     np.save(folder / "wave.npy", turning_wave(directions, 0.04 * np.arange(6))[0])
-    _run("sequence", sphere, folder / "wave.npy", "--dt", 0.04, "--out", folder / "wave.npz")
-    _run("render", folder / "wave.npz", "--out", IMAGES / "sequence.png")
+    _run("sequence", sphere, folder / "wave.npy", "--dt", 0.04, "--out", result)
+    _render(result, "sequence.png")
 
 
-def _show_time(gui: Driver, time: float) -> None:
-    """Show the flow at a time, and wait until everything that is drawn has been computed."""
-    gui.drag("time", time)
-    gui.wait(lambda session: not gui.window.shown.busy, seconds=120)
+def distant_match(folder: Path, name: str, options: Sequence[object] = ()) -> None:
+    """Draw the match of two distant Gaussians."""
+    result = folder / "match.npz"
+    _run(*_DISTANT, *options, "--out", result)
+    _render(result, name)
+
+
+def figure(folder: Path, number: int) -> None:
+    """Draw a figure of the paper."""
+    _run("figure", number, "--out", folder)
+    store(Image.open(folder / f"figure-{number}.png"), f"figure-{number:02}.png")
+
+
+def waves(folder: Path) -> None:
+    """Plot the errors of a table of the documentation."""
+    from drawing.waves import draw
+
+    draw(DOCS / "sequences.md", folder / "waves.png")
+    store(Image.open(folder / "waves.png"), "waves.png")
+
+
+def tracks(folder: Path) -> None:
+    """Draw the tracks of critical points of a simulated wave."""
+    from drawing.tracks import draw, rotating_wave
+
+    wave = rotating_wave(_data("brain-modelling-group/neural-flows", "demo-data"))
+    draw(wave, folder / "tracks.png")
+    store(Image.open(folder / "tracks.png"), "tracks.png")
+
+
+def retinotopy(folder: Path) -> None:
+    """Draw stimuli on the visual cortex with the recovered velocity."""
+    from drawing.retinotopy import picture
+
+    maps = _data("noahbenson/neuropythy", "neuropythy", "lib", "data", "fsaverage", "surf")
+    store(picture(maps), "retinotopy.png")
+
+
+def population(folder: Path) -> None:
+    """Draw the mean of a population before and after registration."""
+    from drawing.population import picture
+
+    store(picture(folder), "population.png")
+
+
+# Screenshots
+
+
+def _screenshot(gui: Driver, name: str, time: float | None = None) -> None:
+    """Save a screenshot, optionally at a time of the flow, when all that it shows is computed."""
+    if time is not None:
+        gui.type("time", f"{time:g}", within="time bar")
+    shown = gui.window.shown
+    gui.wait(lambda session: not (shown.busy or shown.quantities.busy), seconds=120)
+    gui.frames(10)
+    with tempfile.TemporaryDirectory() as folder:
+        gui.screenshot(Path(folder, "window.png"))
+        store(Image.open(Path(folder, "window.png")), name)
+
+
+def _match(gui: Driver, button: str) -> None:
+    """Click a button that starts a run, and wait for its end."""
+    gui.wait(lambda session: gui.is_enabled(button), seconds=300)
+    gui.click(button)
+    gui.wait(lambda session: session.solver.finished, seconds=600)
     gui.frames(10)
 
 
 def window(folder: Path) -> None:
-    """Take screenshots of a match in the app: before it, after it, and its trade-off."""
+    """Show a match in the app: before it, after it, and its trade-off."""
     with Driver(_HUMAN, size=SIZE) as gui:
         gui.type("spec", _SOURCE, within="source")
         gui.type("spec", _TARGET, within="target")
-        gui.frames(10)
-        gui.screenshot(IMAGES / "window-opened.png")
-        gui.click("Match")
-        gui.wait(lambda session: session.solver.finished, seconds=600)
-        gui.frames(10)
-        _show_time(gui, 0.5)
-        gui.screenshot(IMAGES / "window.png")
+        _screenshot(gui, "window-opened.png")
+        _match(gui, "Match")
+        _screenshot(gui, "window.png", 0.5)
         gui.click("Match", within="steps")
-        gui.frames(10)
-        gui.screenshot(IMAGES / "window-trade-off.png")
+        _screenshot(gui, "window-trade-off.png")
 
 
 def window_surfaces(folder: Path) -> None:
-    """Take a screenshot of two registered cortices in the app."""
+    """Show two registered cortices in the app."""
     with Driver(size=SIZE) as gui:
         gui.menu("Samples", CORTEX)
-        gui.wait(lambda session: gui.is_enabled("Match"), seconds=300)
-        gui.click("Match")
-        gui.wait(lambda session: session.solver.finished, seconds=600)
+        _match(gui, "Match")
         gui.click("Look", within="steps")  # the tab Functions shows names of local files
-        _show_time(gui, 1.0)
-        gui.screenshot(IMAGES / "window-surfaces.png")
+        _screenshot(gui, "window-surfaces.png", 1.0)
 
 
 def window_sequence(folder: Path) -> None:
-    """Take a screenshot of a matched sequence in the app."""
+    """Show a matched sequence in the app."""
     with Driver(size=SIZE) as gui:
         gui.menu("Samples", WAVE)
-        gui.frames(10)
-        gui.click("Match all frames")
-        gui.wait(lambda session: session.solver.finished, seconds=600)
-        gui.frames(10)
-        _show_time(gui, 0.3)
-        gui.screenshot(IMAGES / "window-sequence.png")
+        _match(gui, "Match all frames")
+        gui.click("Pause", within="time bar")
+        _screenshot(gui, "window-sequence.png", 0.3)
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {
-    "match": match,
-    "cortex": cortex,
-    "sequence": sequence,
-    "window": window,
-    "window-surfaces": window_surfaces,
-    "window-sequence": window_sequence,
+    "match.png": match,
+    "flow.gif": match,
+    "cortex.png": cortex,
+    "sequence.png": sequence,
+    "convergence-far.png": partial(distant_match, name="convergence-far.png"),
+    "convergence-stalled.png": partial(
+        distant_match, name="convergence-stalled.png", options=_PAPER
+    ),
+    "waves.png": waves,
+    "tracks.png": tracks,
+    "retinotopy.png": retinotopy,
+    "population.png": population,
+    **{f"figure-{number:02}.png": partial(figure, number=number) for number in FIGURES},
+    "window-opened.png": window,
+    "window.png": window,
+    "window-trade-off.png": window,
+    "window-surfaces.png": window_surfaces,
+    "window-sequence.png": window_sequence,
 }
 
-if __name__ == "__main__":
-    for name in sys.argv[1:] or PICTURES:
+
+def _make(names: Sequence[str]) -> None:
+    """Make pictures, each in a process, because one cannot draw windows and other pictures."""
+    makers = dict.fromkeys(PICTURES[name] for name in names)
+    if len(makers) == 1:
         with tempfile.TemporaryDirectory() as scratch:
-            PICTURES[name](Path(scratch))
+            next(iter(makers))(Path(scratch))
+        return
+    for maker in makers:
+        files = [name for name in names if PICTURES[name] is maker]
+        begin = time.monotonic()
+        subprocess.run([sys.executable, __file__, *files], check=True)
+        print(f"{', '.join(files)}: {time.monotonic() - begin:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    requested = sys.argv[1:] or [*PICTURES]
+    if unknown := {*requested} - PICTURES.keys():
+        raise SystemExit(f"unknown picture {min(unknown)}; expected {', '.join(PICTURES)}")
+    _make(requested)

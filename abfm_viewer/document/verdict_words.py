@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 
 import abfm
+from abfm.outcome import Facts
 from abfm.wording import sentence, share
+
+_SHORTER = {"areas change by a factor of ": "areas ×", "distortion within ": "distortion ≤ "}
+
+
+def short_headline(facts: Facts) -> str:
+    """Return the headline in fewer words: ``matched (residual 4.3%), areas ×1.4``."""
+    headline = facts.headline
+    for phrase, shorter in _SHORTER.items():
+        headline = headline.replace(phrase, shorter)
+    return headline
 
 
 def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:

@@ -76,10 +76,13 @@ def draw_match(context: Context) -> None:
         _draw_verdict(context)
 
 
-def _draw_headline(context: Context, text: str, tone: TextTone, topics: Sequence[str]) -> None:
+def _draw_headline(
+    context: Context, text: str, tone: TextTone, topics: Sequence[str], tip: str = ""
+) -> None:
     """Draw a headline, and a button that explains it in a dialog."""
     ui = context.ui
     ui.note(text, tone, ui.remaining_width(HELP_LABEL))
+    ui.tip(tip)
     if ui.help_button(_HELP_TIP):
         lines: list[Line] = []
         for topic in topics:
@@ -212,8 +215,12 @@ def _expected_text(facts: Facts) -> str:
 
 def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     ui, session = context.ui, context.session
-    tone = "muted" if session.outdated else facts.tone
-    _draw_headline(context, capital(facts.headline), tone, facts.topics)
+    tone, headline = (
+        "muted" if session.outdated else facts.tone,
+        verdict_words.short_headline(facts),
+    )
+    tip = "" if headline == facts.headline else capital(facts.headline)
+    _draw_headline(context, capital(headline), tone, facts.topics, tip)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]

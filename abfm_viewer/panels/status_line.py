@@ -6,6 +6,7 @@ from itertools import product
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import abbreviated
+from abfm_viewer.document.verdict_words import short_headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
@@ -49,7 +50,7 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 
 
 def _state(context: Context) -> tuple[str, ...]:
-    """Return the current activity or the result, and a shorter form if there is one."""
+    """Return the current activity or the result, and shorter forms if there are any."""
     session = context.session
     if session.solver.running:
         return (session.work.progress,)
@@ -64,4 +65,5 @@ def _state(context: Context) -> tuple[str, ...]:
     if (reported := session.work.facts) is None:
         return ("ready",)
     outdated = ", outdated" if session.outdated else ""
-    return f"{reported.headline}{outdated}", f"{reported.outcome}{outdated}"
+    texts = reported.headline, short_headline(reported), reported.outcome
+    return tuple(f"{text}{outdated}" for text in texts)

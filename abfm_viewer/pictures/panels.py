@@ -179,15 +179,15 @@ def captions(sheet: Sheet) -> list[str]:
             if max(colors.low - low, high - colors.high) > CLAMP_SHARE * (colors.high - colors.low):
                 of_bar = "" if bar in ("function", panel.label) else f" ({bar})"
                 texts.append(
-                    f"Beyond the colours: '{panel.label}'{of_bar} ranges from {low:,.4g} to "
+                    f"Outside the colour range: '{panel.label}'{of_bar} ranges from {low:,.4g} to "
                     f"{high:,.4g}, the colours from {colors.low:,.4g} to {colors.high:,.4g}."
                 )
         elif isinstance(panel.paint, Coordinates):
             beyond = _outside(panel.mesh.vertices, panel.paint.positions)
             if beyond > CLAMP_SHARE:
                 texts.append(
-                    f"Beyond the colours: positions of '{panel.label}' lie outside the bounding "
-                    f"box, by up to {beyond:,.3g} times its extent."
+                    f"Outside the colour range: positions of '{panel.label}' are outside the "
+                    f"bounding box, by up to {beyond:,.3g} times its extent."
                 )
     return texts
 

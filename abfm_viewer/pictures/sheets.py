@@ -11,6 +11,7 @@ import abfm
 from abfm import Match, TriangleMesh
 from abfm.io.sheets import Frame, Panel, Plot, Sheet, Up, Values
 from abfm.types import FloatArray
+from abfm.wording import share
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
@@ -157,10 +158,18 @@ def match_picture(
     panels = [panel(match.source, "source", "source")]
     for time, values in zip(shown_times, match.advect(shown_times), strict=True):
         if time == tau:
-            panels.append(panel(values, f"t = {time:.4g}, {match.facts.headline}", "result"))
+            panels.append(panel(values, f"t = {time:.4g}, {_verdict(match)}", "result"))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
     return _one_row(Sheet(((*panels, panel(match.target, "target", "target")),), up), size)
+
+
+def _verdict(match: Match) -> str:
+    """Return ``residual 4.3%``, or the outcome if it is bad or that of landmarks alone."""
+    facts = match.facts
+    if not facts.outcome.is_good or match.problem.is_of_landmarks:
+        return str(facts.outcome)
+    return f"residual {share(facts.worse_residual)}"
 
 
 def sequence_picture(

@@ -78,7 +78,7 @@ def match_one_to_two(
     [found] = yield [RequestedMatch(problem, share=0.7)]
     path = found.advect(_TIMES * p.tau)
     setup.report("verifying", 0.7)
-    verification, label, note = scripts.verification_measures(found)
+    verification, notes, missing = scripts.verification_measures(found)
     setup.report("optimal transport", 0.8)
     between = _TIMES[_SHOWN_TIMES]
     methods = {
@@ -133,7 +133,7 @@ def match_one_to_two(
         Panel(mesh, Values(f), "source", "source"),
         Panel(mesh, Values(g), "target", "target"),
         Panel(mesh, Streaks(found.velocity[0]), "vector field", "field"),
-        Panel(mesh, Values(path[-1]), label, "result"),
+        Panel(mesh, Values(path[-1]), "matched", "result"),
     )
     rows = [
         tuple(Panel(mesh, Values(h), f"{method}, {s}/6 τ") for s, h in enumerate(values, 1))
@@ -142,9 +142,9 @@ def match_one_to_two(
     setting = (
         f"{scripts.size_text(name, mesh)}: a Gaussian and two others of the same total mass, "
         f"{distance:.2f} sqrt(area) away; {p.solver.iterations} iterations, sigma "
-        f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{note}"
+        f"{', '.join(format(sigma, 'g') for sigma in p.stage_sigmas())}.{missing}"
     )
-    return Findings(measures, Sheet((panels, *rows)), setting)
+    return Findings(measures, Sheet((panels, *rows), notes=notes), setting)
 
 
 def advected_by_stage(found: Match) -> Iterator[FloatArray]:

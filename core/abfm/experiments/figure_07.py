@@ -39,13 +39,13 @@ def figure_7(setup: FigureSetup) -> Script:
 
     [found] = yield [RequestedMatch(problem)]
     setup.report("verifying", 0.95)
-    verification, label, note = verification_measures(found)
+    verification, notes, missing = verification_measures(found)
     path = found.advect(np.linspace(0, p.tau, p.solver.segments + 1))
     between = found.advect(np.array(_TIMES) * p.tau)
     panels = (
         Panel(mesh, Values(path[0]), "eigenfunction 7", "source"),
         *(Panel(mesh, Values(h), f"t = {s:g} τ") for s, h in zip(_TIMES, between, strict=True)),
-        Panel(mesh, Values(path[-1]), label, "result"),
+        Panel(mesh, Values(path[-1]), "matched", "result"),
         Panel(mesh, Values(g), f"{sign}eigenfunction 8", "target"),
     )
     error = found.mismatch
@@ -58,9 +58,9 @@ def figure_7(setup: FigureSetup) -> Script:
     )
     setting = (
         f"{size_text(name, mesh)}; eigenfunction 7 to {sign}eigenfunction 8, "
-        f"{p.solver.segments} linearised steps, {p.solver.iterations} iterations.{note}"
+        f"{p.solver.segments} linearised steps, {p.solver.iterations} iterations.{missing}"
     )
-    return Findings(measures, Sheet((panels,)), setting)
+    return Findings(measures, Sheet((panels,), notes=notes), setting)
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:

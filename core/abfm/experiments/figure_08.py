@@ -31,7 +31,7 @@ def figure_8(setup: FigureSetup) -> Script:
 
     [found] = yield [RequestedMatch(problem)]
     setup.report("verifying", 0.95)
-    verification, label, note = scripts.verification_measures(found)
+    verification, notes, missing = scripts.verification_measures(found)
     velocity, given_velocity, matched = found.velocity[0], hidden.velocity[0], found.advected[:, 0]
     gradient, error, difference = (
         gradient_field(mesh, f),
@@ -80,15 +80,15 @@ def figure_8(setup: FigureSetup) -> Script:
     below = (
         Panel(mesh, Streaks(velocity), "found field v", "result"),
         Panel(mesh, Values(speed(mesh, velocity), "speed"), "|v|", "result"),
-        Panel(mesh, Values(matched), label, "result"),
+        Panel(mesh, Values(matched), "matched", "result"),
         Panel(mesh, Values(difference, "|g − matched|"), "|g − matched|"),
     )
     setting = (
         f"{scripts.size_text(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{' and '.join(map(str, _MODES))} advects eigenfunction 7 until τ = {tau:g}, "
-        f"by {_RMS_DISPLACEMENT:g} sqrt(area) on average.{note}"
+        f"by {_RMS_DISPLACEMENT:g} sqrt(area) on average.{missing}"
     )
-    return Findings(measures, Sheet((above, below)), setting)
+    return Findings(measures, Sheet((above, below), notes=notes), setting)
 
 
 def derivative_rms(mesh: TriangleMesh, field: FloatArray, path: FloatArray) -> float:

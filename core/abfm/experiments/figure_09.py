@@ -88,7 +88,7 @@ def figure_9(setup: FigureSetup) -> Script:
         of_bumps, of_map = mirror.mean_errors(bumps, as_map)
         other = read_vertex_map(human, str(asset_path("human.symperm.txt"))) != image
         goal = Panel(human, Coordinates(human.vertices[image]), "the mirror as a map", "target")
-        end = Panel(human, Coordinates(as_map.advected), "matched: not reached", "result")
+        end = Panel(human, Coordinates(as_map.advected), "advected coordinates", "result")
         rows.append((*function_row(bumps, "mirrored function")[:4], goal, end))
         measures += [
             Measure(

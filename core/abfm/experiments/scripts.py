@@ -296,23 +296,26 @@ def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
-def verification_measures(found: Match) -> tuple[list[Measure], str, str]:
-    """Verify a match; return measures, a label for its panel, and a note if a check is missing."""
+def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...], str]:
+    """Verify a match; return measures, notes for its sheet, and a text if a check is missing."""
     try:
         verification = found.verify()
     except ParameterError as error:
-        return [], "matched", f" Not verified: {error}."
+        return [], (), f" Not verified: {error}."
     numbers = {
         "residual along flow lines": verification.flow_lines,
         "residual on the subdivided mesh": verification.subdivided,
         "folded faces, as a share of all": verification.folded,
     }
     measures = [Measure(name, x) for name, x in numbers.items() if math.isfinite(x)]
-    label = f"matched: {found.residual:.2g}, {verification.flow_lines:.2g} along flow lines"
+    note = (
+        f"Residual of the matched function: {found.residual:.2g}; "
+        f"along flow lines: {verification.flow_lines:.2g}."
+    )
     overflows = (
         " The flow on the subdivided mesh overflows." if math.isinf(verification.subdivided) else ""
     )
-    return measures, label, overflows
+    return measures, (note,), overflows
 
 
 def flow_map_measures(

@@ -179,19 +179,19 @@ def found():
 def test_measures_equal_the_verification(found, monkeypatch):
     """Figures report the residual and folded faces of the verification; an overflow is noted."""
     verification = found.verify()
-    measures, label, note = verification_measures(found)
+    measures, notes, missing = verification_measures(found)
     assert [measure.value for measure in measures] == [
         verification.flow_lines,
         verification.subdivided,
         verification.folded,
     ]
-    assert f"{verification.flow_lines:.2g} along flow lines" in label
-    assert note == ""
+    check_message(notes[0], f"along flow lines: {verification.flow_lines:.2g}")
+    assert missing == ""
     verification = replace(verification, subdivided=np.inf)
     monkeypatch.setattr(Match, "verify", lambda self: verification)
-    measures, _, note = verification_measures(found)
+    measures, _, missing = verification_measures(found)
     assert [measure.value for measure in measures] == [verification.flow_lines, verification.folded]
-    assert "overflows" in note
+    assert "overflows" in missing
 
 
 def test_failed_verification_is_noted(found, monkeypatch):
@@ -199,9 +199,9 @@ def test_failed_verification_is_noted(found, monkeypatch):
         raise ParameterError("too fast")
 
     monkeypatch.setattr(Match, "verify", refuse)
-    measures, _, note = verification_measures(found)
-    assert measures == []
-    check_message(note, "too fast")
+    measures, notes, missing = verification_measures(found)
+    assert (measures, notes) == ([], ())
+    check_message(missing, "too fast")
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])

@@ -21,6 +21,7 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
+from abfm_viewer.document.verdict_words import short_headline
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.menus import UI_SCALES
@@ -236,7 +237,7 @@ def test_no_widget_or_text_covers_another(layouts):
 def test_verdicts_are_never_clipped(layouts):
     """At any size and scale the state wraps and is as high as its text."""
     facts = longest()
-    expected = {facts.headline, facts.reason, *facts.warnings, f"advice: {facts.advice}"}
+    expected = {short_headline(facts), facts.reason, *facts.warnings, f"advice: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         notes = {note["text"].lower().removesuffix("."): note for note in layout["notes"]}
         assert expected <= notes.keys(), where(layout)
@@ -252,7 +253,8 @@ def test_status_line_has_the_headline_or_the_verdict(layouts):
     facts = longest()
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         lines = [line for line in layout["lines"] if line["area"] == layout["parts"]["status"]]
-        assert lines[0]["text"] in (facts.headline, str(facts.outcome)), where(layout)
+        allowed = facts.headline, short_headline(facts), str(facts.outcome)
+        assert lines[0]["text"] in allowed, where(layout)
         for line in lines:
             (left, _, right, _) = line["rect"]
             assert right - left >= line["text_width"] - _ROUNDING, f"{line['text']}: {layout}"

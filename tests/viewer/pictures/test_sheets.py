@@ -201,7 +201,7 @@ def test_values_beyond_the_colors_have_a_caption(paint):
     beyond = f"'u, advected' (speed) ranges from {wild.min():,.4g} to 2.525e+04"
     end = abs(Y).max()
     known = f"the colours from {-end:,.4g} to {end:,.4g}."
-    assert captions(sheet) == [f"Beyond the colours: {beyond}, {known}"]
+    assert captions(sheet) == [f"Outside the colour range: {beyond}, {known}"]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
