@@ -32,6 +32,7 @@ SIZE_MAX = (1000, 1300)
 _BYTES_MAX = 400_000
 _LEVELS = 63  # of red, green and blue in pictures that would be too large otherwise
 _DATA = DOCS.parents[1]  # of other repositories, which are cloned next to this one
+_DENSITY = "0.2"  # of arrows on brains, where they would be small otherwise
 _HUMAN = asset_path("human_fine_A.off")
 _SOURCE = "gaussian:vertex=1856,width=0.08"
 _TARGET = "gaussian:vertex=4108,width=0.08"
@@ -199,6 +200,7 @@ def window_surfaces(folder: Path) -> None:
         gui.menu("Samples", CORTEX)
         _match(gui, "Match")
         gui.click("Look", within="steps")  # the tab Functions shows names of local files
+        gui.type("density", _DENSITY)
         _screenshot(gui, "window-surfaces.png", 1.0)
 
 
@@ -208,6 +210,8 @@ def window_sequence(folder: Path) -> None:
         gui.menu("Samples", WAVE)
         _match(gui, "Match all frames")
         gui.click("Pause", within="time bar")
+        gui.click("Look", within="steps")
+        gui.type("density", _DENSITY)
         _screenshot(gui, "window-sequence.png", 0.3)
 
 

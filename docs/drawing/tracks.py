@@ -27,8 +27,8 @@ _WIDE, _THIN = 30, 60  # numbers of tracks that are drawn wide and thin
 _SIZE = (900, 720)  # pixels
 _GREY = 0.82  # of the surface, in linear light
 _PALE = 0.5  # share of the surface's colour in thin tracks
-_HALF_WIDTHS = {True: 0.0055, False: 0.0022}  # of wide and thin tracks, in sqrt(area)
-_DOT = 0.012  # radius of the dot at the end of a wide track, in sqrt(area)
+_HALF_WIDTHS = {True: 0.0036, False: 0.0016}  # of wide and thin tracks, in sqrt(area)
+_DOT = 0.010  # radius of the dot at the end of a wide track, in sqrt(area)
 _MEANS = 5  # intervals
 _SIDES = {"lateral": (1.0, 0.0, 0.0), "medial": (-1.0, 0.0, 0.0)}  # directions to the viewer
 
