@@ -108,9 +108,11 @@ def test_every_figure_has_a_page():
         assert f"({name}.md)" in listed
 
 
-def test_every_picture_is_used():
+def test_every_picture_is_made_by_the_script_and_used():
     text = "".join(page.read_text("utf-8") for page in PAGES)
-    assert [path.name for path in (DOCS / "images").iterdir() if path.name not in text] == []
+    names = {path.name for path in (DOCS / "images").iterdir()}
+    assert names == runpy.run_path(str(DOCS / "pictures.py"))["PICTURES"].keys()
+    assert [name for name in names if f"images/{name}" not in text] == []
 
 
 def test_citation_has_the_version():
