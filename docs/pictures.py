@@ -67,9 +67,9 @@ def _run(*words: object) -> None:
         raise SystemExit(f"failed: abfm {' '.join(map(str, words))}")
 
 
-def _render(result: Path, name: str) -> None:
+def _render(result: Path, name: str, *options: object) -> None:
     picture = result.with_suffix(".png")
-    _run("render", result, "--out", picture)
+    _run("render", result, "--out", picture, *options)
     store(Image.open(picture), name)
 
 
@@ -101,7 +101,7 @@ def cortex(folder: Path) -> None:
     functions = "--source", f"file:{depth[0]}", "--target", f"file:{depth[1]}"
     result = folder / "cortex.npz"
     _run("register", *sphere, "--initial", "sphere:mirror", *functions, "--out", result)
-    _render(result, "cortex.png")
+    _render(result, "cortex.png", "--size", "1500x700")
 
 
 def sequence(folder: Path) -> None:

@@ -80,18 +80,18 @@ def _template() -> tuple[abfm.TriangleMesh, FloatArray]:
 def _fields(mesh: abfm.TriangleMesh) -> FloatArray:
     """Return smooth random fields (N, F, 3) with mean zero: waves, half of them rotated."""
     random = np.random.default_rng(0)
-    centers = mesh.vertices[mesh.faces].mean(axis=1)
-    centers /= np.linalg.norm(centers, axis=1)[:, None]
-    fields = np.zeros((_SUBJECTS, len(centers), 3))
+    centres = mesh.vertices[mesh.faces].mean(axis=1)
+    centres /= np.linalg.norm(centres, axis=1)[:, None]
+    fields = np.zeros((_SUBJECTS, len(centres), 3))
     for field in fields:
         for number in range(2 * _WAVES):
             along = random.normal(size=3)
             along /= np.linalg.norm(along)
             frequency, phase = random.uniform(1, _WAVE_NUMBER_MAX), random.uniform(0, 2 * np.pi)
-            waves = np.cos(frequency * (centers @ along) + phase)[:, None] * along
+            waves = np.cos(frequency * (centres @ along) + phase)[:, None] * along
             waves *= random.normal()
-            waves -= (waves * centers).sum(axis=1)[:, None] * centers
-            field += np.cross(centers, waves) if number % 2 else waves
+            waves -= (waves * centres).sum(axis=1)[:, None] * centres
+            field += np.cross(centres, waves) if number % 2 else waves
     fields -= fields.mean(axis=0)
     areas = face_areas(mesh)
     mean_square = ((fields**2).sum(axis=2) @ areas).mean() / areas.sum()

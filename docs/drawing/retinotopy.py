@@ -16,7 +16,7 @@ from abfm_viewer.window.wave import fsaverage5
 
 WIDTHS = {"ring": 0.6, "wedge": 30.0}
 """Standard deviations of the bumps: e-folds of eccentricity, and degrees of polar angle."""
-_CENTERS = {"ring": (np.log(0.8) + np.log(30)) / 2, "wedge": 90.0}  # in the middle of the frames
+_CENTRES = {"ring": (np.log(0.8) + np.log(30)) / 2, "wedge": 90.0}  # in the middle of the frames
 _DISPLACEMENT = 0.7  # mean edges from frame to frame, median over the faces
 _FRAMES = 6
 _NOISE = 0.05  # standard deviation, relative to that of the frames
@@ -41,17 +41,17 @@ def picture(folder: Path) -> Image:
     patch = _Patch(inflated, mesh, seen)
     rows = []
     for kind, phase in phases.items():
-        centers = _centers(mesh, kind, phase, in_one_area)
-        activity = _activity(kind, phase - centers[:, None])
+        centres = _centres(mesh, kind, phase, in_one_area)
+        activity = _activity(kind, phase - centres[:, None])
         noise = np.random.default_rng(0).standard_normal(activity.shape)
         measured = activity + _NOISE * activity[:, seen].std() * noise
         found = abfm.sequence(mesh, np.where(seen, measured, np.nan))
         row = []
         for interval in (0, len(found) - 1):
-            center = centers[interval]
-            label = f"wedge at a polar angle of {center:.0f}°"
+            centre = centres[interval]
+            label = f"wedge at a polar angle of {centre:.0f}°"
             if kind == "ring":
-                label = f"ring at an eccentricity of {np.exp(center):.1f}°"
+                label = f"ring at an eccentricity of {np.exp(centre):.1f}°"
             sloped = in_one_area & _is_sloped(mesh, activity[interval], in_one_area)
             field = np.where(sloped[:, None], found.velocity[interval], 0)
             row.append(patch.panel(found.frames[interval, :, 0], field, label))
@@ -66,13 +66,13 @@ def _activity(kind: str, offsets: FloatArray) -> FloatArray:
     return np.exp(-0.5 * (offsets / WIDTHS[kind]) ** 2)
 
 
-def _centers(
+def _centres(
     mesh: abfm.TriangleMesh, kind: str, phase: FloatArray, inside: BoolArray
 ) -> FloatArray:
     """Return the centres of a stimulus in each frame, so that it moves by the displacement."""
     slopes = np.linalg.norm((gradient(mesh) @ phase).reshape(-1, 2)[inside], axis=1)
     step = _DISPLACEMENT * edge_lengths(mesh).mean() * np.median(slopes)
-    return _CENTERS[kind] + step * (np.arange(_FRAMES) - (_FRAMES - 1) / 2)
+    return _CENTRES[kind] + step * (np.arange(_FRAMES) - (_FRAMES - 1) / 2)
 
 
 def _is_sloped(mesh: abfm.TriangleMesh, values: FloatArray, inside: BoolArray) -> BoolArray:

@@ -14,6 +14,7 @@ from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Stre
 from abfm.matching import StopReason
 from abfm.outcome import Outcome
 from abfm.pages.colormaps import table
+from abfm.wording import share
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb
@@ -162,7 +163,7 @@ def test_panels_have_frames_labels_and_a_color_bar():
     ],
 )
 def test_label_at_tau_has_the_verdict_and_its_color(match, kind, tone, monkeypatch):
-    """The label of a match that is not matched never begins with the word "matched"."""
+    """A good match shows its residual, any other match its outcome."""
     drawn = []
 
     def record(sheet, *rest):
@@ -174,8 +175,8 @@ def test_label_at_tau_has_the_verdict_and_its_color(match, kind, tone, monkeypat
     judged = replace(judged, stop_reason=StopReason.CONVERGED)
     pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
     labels = [panel.label for panel in drawn[0].rows[0]]
-    assert labels[2:] == [f"t = 2, {judged.facts.headline}", "target"]
-    assert not labels[2].startswith("t = 2, matched") or kind == "matched"
+    residual = f"residual {share(judged.worse_residual)}"
+    assert labels[2:] == [f"t = 2, {kind if tone == LIGHT_PALETTE.failure else residual}", "target"]
     for color in (LIGHT_PALETTE.good, LIGHT_PALETTE.warning, LIGHT_PALETTE.failure):
         assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)
 
@@ -207,9 +208,9 @@ def test_values_beyond_the_colors_have_a_caption(paint):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_small_overshoots_have_no_caption(sign):
     extent = 2 * abs(Y).max()
-    for share, lines in ((0.9 * panels.CLAMP_SHARE, 0), (1.1 * panels.CLAMP_SHARE, 1)):
+    for beyond, lines in ((0.9 * panels.CLAMP_SHARE, 0), (1.1 * panels.CLAMP_SHARE, 1)):
         over = Y.copy()
-        over[np.argmax(sign * Y)] += sign * share * extent
+        over[np.argmax(sign * Y)] += sign * beyond * extent
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
 
 
