@@ -59,8 +59,5 @@ def factor(log2: float) -> str:
 
 
 def value(number: float, span: float) -> str:
-    """Return a function value with three digits.
-
-    Values below 1e-6 of ``span``, the range of the function, are rounding errors and printed as 0.
-    """
+    """Return a value with three digits; below 1e-6 of ``span`` it is a rounding error, 0."""
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"

@@ -142,7 +142,6 @@ def linear_steps(derivative: Matrix, f: FloatArray, step: float, steps_between: 
 
 
 def plot(values: dict[str, FloatArray], title: str) -> Plot:
-    """Plot a quantity of the methods over time."""
     shown = {name: values[name] for name in (_LINEAR_FLOW, _STEP_FLOW, _FLOW, _LINES)}
     curves = tuple(Curve(name, _TIMES, y, faint=name == _LINES) for name, y in shown.items())
     height = max(float(y.max()) for name, y in shown.items() if name != _LINEAR_FLOW)

@@ -120,7 +120,6 @@ def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measu
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
-    """Return the rotations, each on meshes from coarse to fine."""
     return [
         [on_sphere(6 * k) for k in sizes],
         [on_torus(24 * k, around_tube=False) for k in sizes],

@@ -111,10 +111,7 @@ class FlowLineDerivative:
         return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
-        """Return the derivative of the end points of a walk by the fields, (2 L, N F 2).
-
-        Coordinates of the end points refer to the frames of their faces.
-        """
+        """Return the derivative of the ends of a walk, in face frames, by fields, (2 L, N F 2)."""
         rows, zeros = [], np.zeros((len(self.points.faces), 2))
         for row in range(zeros.size):
             checkpoint()
@@ -144,10 +141,7 @@ class _Fans:
         self._angles = around.angles.ravel()[self._slots]
 
     def turn_downstream(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
-        """Move points at vertices to the faces that corner vectors lead into.
-
-        `downstream_slots` returns these faces for all vertices.
-        """
+        """Move points at vertices into the faces ahead of corner vectors (`downstream_slots`)."""
         off = angular_offsets(vectors.ravel()[self._slots], self._middles, self._angles)
         order = np.argsort(-off, kind="stable")
         best = np.full(len(faces), -1)

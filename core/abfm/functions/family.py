@@ -109,7 +109,6 @@ class Family(Spec):
         return tuple(Parameter(f.name, **f.metadata) for f in fields(cls) if "kind" in f.metadata)
 
     def _changed(self) -> dict[str, Any]:
-        """Return the parameters that differ from their defaults."""
         found = {p.name: getattr(self, p.name) for p in self.parameters()}
         return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
 

@@ -154,9 +154,8 @@ _MATCH = {
     "path_step": Entry("integer", (), required=False, low=0),  # index of the step of the match
     # the number of fields of each step, if these differ
     "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),
-    # Fields of the other steps in units of length_scale, concatenated along the second axis,
-    # (N, P, 3). If their numbers differ, all are in one row, (1, P, 3). Squares of larger values
-    # overflow.
+    # Fields of the other steps in units of length_scale, concatenated along the second axis, (N, P,
+    # 3). If their numbers differ, all are in one row, (1, P, 3). Squares of larger values overflow.
     "path_velocity": Entry("single", ("R", "P", 3), required=False, low=-1e30, high=1e30),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA

@@ -167,7 +167,6 @@ class _Search:
         return self._distortion(replace(self._found, fine_velocity=velocity, path=(), step=0))
 
     def _scale_down(self, beyond: PathStep, distortion: float) -> None:
-        """Scale down the fields of a step beyond the bound until they are within it."""
         velocity, low, high = beyond.velocity, 0.0, 1.0
         at_low, at_high = self._distortion_at_rest, distortion
         for _ in range(_SCALINGS_MAX):

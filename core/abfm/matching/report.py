@@ -48,10 +48,7 @@ def details(
 
 
 def lines(match: Match, facts: Facts | None = None) -> list[str]:
-    """Return the report of a match as lines of text: facts, numbers and path.
-
-    ``facts`` of a registration may replace those of the match.
-    """
+    """Return the report of a match as lines; ``facts`` may be those of a registration."""
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
         *facts.lines,
@@ -120,7 +117,6 @@ def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
 
 
 def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
-    """Return the table cells of a step for the columns `STEP_COLUMNS`."""
     residuals = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
     distortion = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
     folded, sigma = percents(step["folded"]), f"{step['sigma']:.3g}"

@@ -90,10 +90,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
 
 
 class _Task(NamedTuple):
-    """A problem to be sent to a worker.
-
-    The file ``marker`` on the disk of the sending machine exists while the match is needed.
-    """
+    """A problem for a worker; the sender's file ``marker`` exists while the match is needed."""
 
     problem: Parcel
     marker: Path

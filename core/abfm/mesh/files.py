@@ -62,7 +62,6 @@ READERS: Readers[FileContents] = {
 
 
 def endings_of(readers: Readers[Contents]) -> tuple[str, ...]:
-    """Return the usual file name endings of the formats of some readers."""
     return tuple(ending for ending, found in ENDINGS.items() if found in readers)
 
 

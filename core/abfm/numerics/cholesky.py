@@ -104,10 +104,7 @@ class _Factor:
 
 
 class _SubprocessFactor:
-    """A factorisation in its own subprocess; several can run at once.
-
-    The first call of the solver waits for the factorisation.
-    """
+    """One of several concurrent factorisations in subprocesses; the first solve waits for it."""
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()

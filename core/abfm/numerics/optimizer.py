@@ -185,11 +185,7 @@ class LBFGS(Generic[Point]):
         return found.reshape(state.x.shape)
 
     def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
-        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``.
-
-        If rounding makes the product ``<g, H_0 g>`` negative, the norm is NaN instead of a small
-        number.
-        """
+        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``, NaN if rounding makes the product negative."""
         found = self.precondition(gradient) if self.precondition else gradient
         square = _inner(gradient, found)
         return found, float(np.sqrt(square)) if square >= 0 else math.nan

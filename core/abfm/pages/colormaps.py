@@ -37,7 +37,6 @@ class ColorRange:
 
 
 def for_background(colormap: str, is_dark: bool) -> str:
-    """Return the variant of a colour map for a light or a dark background."""
     return _DARK_NAMES.get(colormap, colormap) if is_dark else colormap
 
 

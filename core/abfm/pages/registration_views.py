@@ -60,10 +60,7 @@ def mask_indicator(match: Match) -> FloatArray:
 
 
 def common_colors(match: Match, channel: int) -> ColorRange:
-    """Return one colour range for source and target of a channel, without extreme values.
-
-    Only vertices where the mismatch is evaluated are used.
-    """
+    """Return one colour range of source and target, without masked or extreme values."""
     shown = mask_indicator(match) > 0
     pair = match.source[shown, channel], match.target[shown, channel]
     return typical_range(*pair)

@@ -44,10 +44,7 @@ class PointPath:
     points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
-        """Return the position (3,) at a time, or None outside the time of the path.
-
-        ``slack`` extends the time of the path at both ends.
-        """
+        """Return the position (3,) at a time, with ``slack`` at both ends; None at other times."""
         if not self.times[0] - slack <= time <= self.times[-1] + slack:
             return None
         places = self.points.positions

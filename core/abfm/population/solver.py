@@ -209,10 +209,7 @@ class PopulationSolver:
     def register_all(
         self, target: Target, number: int, on_change: Callable[[LedgerEntry], object]
     ) -> list[LedgerEntry]:
-        """Register all subjects to a target, and return the entries of the ledger.
-
-        ``on_change`` is called with each entry when it is finished.
-        """
+        """Register all subjects to a target; return the ledger entries, also to ``on_change``."""
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # for `abfm batch --status`
@@ -482,10 +479,7 @@ class PopulationSolver:
         return f"file:{quoted(self._write_array(name, values))}"
 
     def _write_array(self, name: str, values: FloatArray) -> str:
-        """Write an array, and return the path of its file.
-
-        The name contains a hash of the values, because another run may write to the same folder.
-        """
+        """Write an array to a file named by a hash, as runs share the folder; return its path."""
         content = hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
         path = self._targets_folder() / f"{name}-{content[:16]}.npy"
         with write_atomically(path) as temporary:

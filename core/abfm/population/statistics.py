@@ -55,10 +55,7 @@ def deviation(values: Subjects, shares: Subjects) -> FloatArray:
 
 
 class Shares(Sequence[FloatArray]):
-    """Share of each subject at each vertex: its weight times its mask.
-
-    If values are given, the share is 0 where a value is not finite.
-    """
+    """Weight times mask of each subject at each vertex; 0 where a given value is not finite."""
 
     def __init__(
         self, weights: FloatArray, masks: Subjects, values: Subjects | None = None

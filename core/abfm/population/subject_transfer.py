@@ -70,7 +70,6 @@ class SubjectTransfer:
         return files_renamed(self.renamed)
 
     def relocated(self, places: Mapping[str, str]) -> SubjectTransfer:
-        """Return the same computation with other paths for its files."""
         return self.renamed(lambda path: places.get(path, path))
 
     def compute(self) -> TransferredSubject:

@@ -136,7 +136,6 @@ class _File:
         return polygons_of_cells(*map(np.concatenate, zip(polygons, strips, strict=True)))
 
     def _cells(self, place: str, count: int, kind: int = 0) -> tuple[IntArray, IntArray, IntArray]:
-        """Return the sizes, corners and types of the cells of an element."""
         if count == 0:
             return (np.zeros(0, dtype=np.int64),) * 3
         named = {array.get("Name", ""): array for array in self.arrays(place)}

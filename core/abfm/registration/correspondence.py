@@ -350,10 +350,7 @@ class _ThroughSphere(Correspondence):
 
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:
-    """Return the correspondence stored in arrays, see `Correspondence.arrays`.
-
-    Raises an AbfmError or a ValueError if the arrays do not fit together.
-    """
+    """Return the correspondence of `Correspondence.arrays`, or raise AbfmError or ValueError."""
     return _between(results.mesh_of(arrays, "a_"), results.mesh_of(arrays), arrays)
 
 

@@ -46,7 +46,6 @@ def distortion_details(distortion: Distortion) -> dict[str, Any]:
 
 
 def initial_details(initial: Correspondence) -> dict[str, Any]:
-    """Return the name of the initial map and the cost of each candidate."""
     tried = initial.candidates
     return {
         "initial": tried[0].name if tried else "given",

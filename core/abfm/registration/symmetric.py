@@ -65,7 +65,6 @@ class SymmetricRegistration(Correspondence):
 
     @classmethod
     def average(cls, forward: Registration, backward: Registration) -> SymmetricRegistration:
-        """Return the mean of a registration of A to B and one of B to A."""
         offsets = forward.points.positions - backward.back.positions
         asymmetry = np.linalg.norm(offsets, axis=1) / forward.a.length_scale
         facts = max((forward.facts, backward.facts), key=lambda each: each.outcome.rank)
@@ -85,11 +84,7 @@ class SymmetricRegistration(Correspondence):
         return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles).
-
-        An interrupted call leaves no partial file. Raises ResultError if the file cannot be
-        written.
-        """
+        """Write a ``.npz`` file without pickles, completely or not at all, or raise ResultError."""
         results.save_arrays(path, self.arrays(), SYMMETRIC_KIND)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:

@@ -143,10 +143,7 @@ def check_frames(
 
 
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
-    """Return the absolute sigma of an interval of this duration.
-
-    Sigma grows with the square root of the duration, so that both energy terms keep their balance.
-    """
+    """Return the absolute sigma, proportional to sqrt(duration) to balance the energy terms."""
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))
 

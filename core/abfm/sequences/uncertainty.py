@@ -60,8 +60,7 @@ class Posterior(NamedTuple):
     """Covariances of fields, and the shares that frames determine."""
 
     # (T - 1, F, 2, 2), of the velocity in the face frames (`abfm.calculus.face_frames`) and the
-    # square
-    # of its unit; infinite if nothing determines the velocity
+    # square of its unit; infinite if nothing determines the velocity
     covariances: FloatArray
     determined: FloatArray  # (T - 1, F), share of the squared velocity that the frames determine
 

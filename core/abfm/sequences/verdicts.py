@@ -139,10 +139,7 @@ def allows_motion(verdict: Verdict) -> bool:
 
 
 def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
-    """Return the share of motion between the frames of each interval, (T - 1,).
-
-    `abfm.Sequence.motion_shares` describes these shares.
-    """
+    """Return the `abfm.Sequence.motion_shares` of intervals, (T - 1,)."""
     known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
     return np.where([allows_motion(verdict) for verdict in verdicts], known, 0.0)
 

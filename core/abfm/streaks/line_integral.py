@@ -413,10 +413,7 @@ def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
 
 @kernel
 def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
-    """Return whether two opposite neighbours of a texel are known and of the same face.
-
-    Known texels have a distance from 1 to 254 in ``nearest``.
-    """
+    """Return whether two opposite neighbours are known (1 to 254) and of the same face."""
     for away in (1, lines.size):
         count = 0
         for i in (texel - away, texel + away):

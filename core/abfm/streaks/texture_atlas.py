@@ -152,10 +152,7 @@ def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
 def halve_rectangles(
     corners: IndexArray, sides: IndexArray, owners: IndexArray, texels: IndexArray
 ) -> None:
-    """Assign the texels of rectangles to two owners (n, 2), below and above the diagonal.
-
-    The diagonal of a rectangle falls from left to right.
-    """
+    """Assign texels of rectangles to owners (n, 2) below and above the falling diagonal."""
     for i in range(sides.shape[0]):
         w, h = sides[i, 0], sides[i, 1]
         for row in range(h):

@@ -154,10 +154,7 @@ def number_input(
     is_valid: Callable[[float], bool],
     **settings: Any,
 ) -> Input:
-    """Return the input of a finite number for which ``is_valid`` returns True.
-
-    The text ``expected`` describes the condition in messages.
-    """
+    """Return the input of a finite ``is_valid`` number; messages describe it as ``expected``."""
     read = partial(read_number, expected=expected, is_valid=is_valid)
     return Input(name=name, help=help, read=read, metavar=metavar, **settings)
 
@@ -183,10 +180,7 @@ def _circular(text: str) -> bool | float:
 
 @lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the specification of a function that a text or a file name describes.
-
-    FunctionError if the text is neither a specification nor a file name.
-    """
+    """Return the specification of a function in a text or file name, or raise FunctionError."""
     try:
         parse(text)
     except FunctionError:

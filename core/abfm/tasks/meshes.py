@@ -30,5 +30,4 @@ def _loaded(path: str, fingerprint: tuple[int, int], options: MeshOptions) -> Tr
 
 
 def mesh_notes(*meshes: TriangleMesh) -> list[str]:
-    """Return one line for each repair of the meshes."""
     return [message for mesh in meshes for message in mesh.messages]

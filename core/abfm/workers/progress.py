@@ -79,7 +79,6 @@ def rounded_time(seconds: float) -> str:
 
 
 def progress_text(what: str, step: Step | None) -> str:
-    """Return a description of work with its current step, if known."""
     return f"{what}: {step.text()}" if step else what
 
 

@@ -169,10 +169,7 @@ class Worker(Generic[State]):
 
 
 class _Connection:
-    """The connection to one process, without a thread.
-
-    One of the waiting threads reads the answers and distributes them to the other calls.
-    """
+    """The connection to one process; one of the waiting threads distributes its answers."""
 
     def __init__(
         self,

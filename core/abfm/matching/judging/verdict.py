@@ -423,10 +423,7 @@ class _Case:
         )
 
     def _is_cut_short(self) -> bool:
-        """Return whether the run ended early while the energy still fell.
-
-        The result is False if the flow squeezed the source instead of moving it.
-        """
+        """Return whether the run ended early, while the energy fell without a squeezed source."""
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
             return False

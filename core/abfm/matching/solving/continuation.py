@@ -188,7 +188,6 @@ def step(state: State) -> State:
 
 
 def _minimised(state: State, sweep: Sweep) -> State:
-    """Minimise the next sigma of a sweep and append the result to the path."""
     schedule, levels, record = state.schedule, state.levels, state.record
     sigma, is_search = sweep.sigmas[0], state.phase is Phase.SEARCH
     if is_search:

@@ -188,10 +188,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The levels of a match, from coarse to fine.
-
-    ``mesh_level`` is the last level on the mesh itself. Levels after it are on subdivisions.
-    """
+    """The levels of a match, coarse to fine; levels after ``mesh_level`` are on subdivisions."""
 
     all: tuple[Level, ...]
     mesh_level: int
@@ -247,9 +244,9 @@ class Levels:
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
-        """Return the levels with additional coarser meshes.
+        """Return the levels with coarser meshes.
 
-        The number of levels is a parameter or depends on the mesh size.
+        A parameter or the mesh size limits their number.
         """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min

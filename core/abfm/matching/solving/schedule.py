@@ -126,10 +126,7 @@ class Schedule:
         return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
     def reach(self, residual: float) -> float:
-        """Return the reach of the next variant, after a variant with this residual.
-
-        The next reach is the largest one if that variant did not find the target.
-        """
+        """Return the reach of the next variant: the largest if this residual misses the target."""
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach
 
@@ -176,10 +173,7 @@ class Schedule:
         )
 
     def landmark_sigma(self, sigma: float) -> float:
-        """Return the tolerance of the landmarks in the step of a sigma.
-
-        The tolerance falls faster than sigma, so that landmarks are matched first.
-        """
+        """Return the tolerance of landmarks for a sigma; it falls faster, to match them first."""
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
             return self._p.landmark_sigma
@@ -205,5 +199,4 @@ class Schedule:
 
     @staticmethod
     def is_found(residual: float) -> bool:
-        """Return whether a search with this residual has found the target."""
         return residual <= SETTINGS.found_residual

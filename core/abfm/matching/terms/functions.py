@@ -153,7 +153,6 @@ class FunctionTerm:
         return found
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return functions, mask and weights for files and digests."""
         parts = {"source": self.source.T, "target": self.target.T}
         if self.mask is not None:
             parts["mask"] = self.mask
@@ -178,7 +177,6 @@ class FunctionTerm:
         return self._copy_on(self.mesh, mask)
 
     def reversed(self) -> FunctionTerm:
-        """Return the term of the match from the target to the source."""
         other = self._copy()
         other.source, other.target = self.target, self.source
         return other

@@ -128,7 +128,6 @@ class Landmarks:
         return Landmarks(fine, faces.reshape(-1, 2), barycentric.reshape(-1, 2, 3), self.weights)
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return the complete content except the mesh, for files and digests."""
         return {
             "landmark_faces": self.faces,
             "landmark_barycentric": self.barycentric,

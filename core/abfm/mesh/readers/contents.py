@@ -29,10 +29,7 @@ class FileContents(NamedTuple):
 
 
 class Lists:
-    """Vertices and polygons collected while a text file is read.
-
-    The lists need 24 bytes for each vertex, and 8 for each polygon and corner.
-    """
+    """Vertices and polygons of a text file, in 24 bytes a vertex and 8 a polygon and corner."""
 
     def __init__(self) -> None:
         self._points, self._sizes, self._corners = array("d"), array("q"), array("q")

@@ -32,7 +32,6 @@ def read_gltf(opened: Opened) -> FileContents:
 
 
 def placed_parts(document: Document) -> list[Part]:
-    """Return all parts with triangles, placed as in the scene."""
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
     for node, matrix in list(document.placements()):

@@ -22,10 +22,7 @@ _STL_VERTEX = re.compile(
 
 
 def read_obj(opened: Opened) -> FileContents:
-    """Read a Wavefront OBJ file.
-
-    Each ``v`` line is one vertex, whatever texture coordinates or normals the faces refer to.
-    """
+    """Read a Wavefront OBJ file with a vertex for each ``v`` line, whatever the faces refer to."""
     lists = Lists()
     for keyword, words in obj_lines(opened.data):
         if keyword == "v":

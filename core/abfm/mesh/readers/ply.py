@@ -214,10 +214,7 @@ def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
 
 
 class _Body:
-    """The data after the header, read element by element.
-
-    The data are bytes in a byte order, or, if that is empty, the words of a text as doubles.
-    """
+    """The data after the header: bytes in a byte order, or the words of a text as doubles."""
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
         if not order:

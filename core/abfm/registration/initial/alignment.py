@@ -210,7 +210,6 @@ class _Surfaces(NamedTuple):
         return float(np.sqrt(self.rms(pairs) ** 2 + weights @ (off**2).sum(axis=1)))
 
     def next_motion(self, pairs: Pairs) -> Motion:
-        """Return the best motion for the closest pairs and the landmarks."""
         b, a, *distances = pairs
         are_close = [gaps <= np.quantile(gaps, _FITTED_SHARE) for gaps in distances]
         chosen = np.concatenate(are_close)

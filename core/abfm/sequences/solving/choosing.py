@@ -113,10 +113,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
 
 
 class _HeldOut:
-    """Residuals of held-out patches with a norm, by sigma, on a few intervals.
-
-    If the parameters have a sigma, only the residual of that sigma counts.
-    """
+    """Held-out residuals with a norm on a few intervals, for several sigmas or a given one."""
 
     def __init__(
         self, given: _ChoiceInput, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]

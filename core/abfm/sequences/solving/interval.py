@@ -92,10 +92,7 @@ class Interval:
         return point
 
     def minimise(self, sigma: float, field: FloatArray, steps: int = _STEPS_MAX) -> FieldPoint:
-        """Minimise with a sigma from a field (F, 2); stop if a step gains little.
-
-        At most ``steps`` steps are made; with 0 steps the field is only evaluated.
-        """
+        """Minimise from a field (F, 2) in at most ``steps`` steps; stop if one gains little."""
         objective = self._objective(sigma)
         point = self._evaluated(objective, field)
         for _ in range(steps):

@@ -107,7 +107,6 @@ class Pair(NamedTuple):
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
     def without_functions(self) -> Pair:
-        """Return the pair with descriptors of the shapes only."""
         count = self.a.descriptors.shape[1]
         on_a, on_b = self.descriptors
         return self._replace(
@@ -138,7 +137,6 @@ class Start(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the method, with its option."""
         return self.kind if self.side > 0 else f"{self.kind}:mirror"
 
 
