@@ -129,10 +129,7 @@ def is_integer(entry: Field[Any]) -> bool:
 
 
 def checked(entry: Field[Any], value: Any) -> Any:
-    """Check one value of a parameter and return it as a Python number or string.
-
-    ParameterError if it is out of range, not a number, or not one of the choices.
-    """
+    """Return a value of a parameter as a Python number or string, or raise ParameterError."""
     if value is None and entry.default is None:
         return None
     if choices := CHOICES.get(entry.name):

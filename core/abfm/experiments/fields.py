@@ -96,10 +96,7 @@ def face_centres(mesh: TriangleMesh) -> FloatArray:
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus with the distances of its face centres from its axis, and the angular fields.
-
-    The fields rotate about the axis and around the tube, (F, 3).
-    """
+    """Return a torus, distances of faces from its axis, and rotations about axis and tube."""
     mesh = torus(n, n // 2)
     x, y, z = face_centres(mesh).T
     ring = np.hypot(x, z)

@@ -76,10 +76,7 @@ def read_label_columns(
 def has_label(
     path: str, label: str, mesh: TriangleMesh, column: str | None = None, hemisphere: str = ""
 ) -> BoolArray:
-    """Return whether each vertex (V,) has a label of a file, which is a name or a key.
-
-    FunctionError if there is no such label, or the file cannot be read.
-    """
+    """Return which vertices (V,) have a label (name or key) of a file, or raise FunctionError."""
     labels = read_labels(path, column, mesh, hemisphere)
     with file_errors(path):
         try:

@@ -68,10 +68,7 @@ MAX_DISTORTION = number_input(
 
 
 def facts_of_file(path: Path) -> Facts:
-    """Return the facts in the file of a match or a registration.
-
-    ResultError if the file is missing or damaged, or has values that no match can have.
-    """
+    """Return the facts in the file of a match or registration; ResultError if it is invalid."""
     entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.REMEDY) as archive:
         found = results.check_arrays(archive, {name: entries[name] for name in _ENTRIES_OF_FACTS})

@@ -53,10 +53,7 @@ _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions
 
 
 class PopulationSolver:
-    """Computations of all rounds with the data that the rounds share.
-
-    Workers register and transfer subjects under the control of this thread.
-    """
+    """Computations of all rounds and their shared data; workers obey this thread's control."""
 
     def __init__(
         self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, workers: Workers

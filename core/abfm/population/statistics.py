@@ -103,10 +103,7 @@ class LeaveOneOut(NamedTuple):
 
 
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
-    """Return the correlation of two functions (V,) where areas (V,) are positive.
-
-    Unknown values are ignored. The result is NaN if one function is constant.
-    """
+    """Return the correlation of known values (V,) on positive areas; NaN for constants."""
     known = _known(f, g, areas)
     if not known.any():
         return math.nan

@@ -74,11 +74,7 @@ class Gifti(NamedTuple):
 
 
 def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
-    """Read a GIFTI file.
-
-    OSError if the file, or one that it refers to, cannot be read. ValueError if the file is not
-    GIFTI, or an array does not have the announced size.
-    """
+    """Read a GIFTI file and its external files; OSError if unreadable, ValueError if invalid."""
     opened = source if isinstance(source, Opened) else open_file(source)
     root, budget = xml_tree(opened.data), inflated_size_max(len(opened.data))
     if root.tag != "GIFTI":

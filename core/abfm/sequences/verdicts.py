@@ -46,10 +46,7 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
-    """Return the facts of a sequence from the verdicts (T - 1,) and `NUMBERS` of its intervals.
-
-    The numbers are medians over the intervals in which they are known.
-    """
+    """Return the facts of a sequence: verdicts (T - 1,) and medians of known `NUMBERS`."""
     outcome = outcome_of_intervals([verdict.kind for verdict in verdicts])
     confirmed, count = sum(verdict.kind.is_good for verdict in verdicts), len(verdicts)
     share = f"{confirmed} of {counted(count, 'interval')}"

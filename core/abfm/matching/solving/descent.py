@@ -223,10 +223,7 @@ def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) 
 def prolonged_without_gradient(
     levels: Levels, level: int, origin: StepResult
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the fields of a coarser level on a finer one, and the advected functions.
-
-    Unlike `prolonged`, it computes no gradient, which would take memory.
-    """
+    """Return fields and functions as `prolonged`, but without a gradient, to save memory."""
     energy = levels[level].energy
 
     def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:

@@ -15,10 +15,7 @@ WHITE: Color = (1.0, 1.0, 1.0, 1.0)
 
 
 class Material(NamedTuple):
-    """An image, as the bytes of its file, and the colour by which it is multiplied.
-
-    Colours are red, green, blue (sRGB) and opacity, each from 0 to 1.
-    """
+    """An image, as bytes of its file, times a colour: sRGB red, green, blue, opacity, 0 to 1."""
 
     image: bytes | None = None
     color: Color = WHITE

@@ -78,10 +78,7 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Return the evenness of the triangle at a corner, or 0 if the corner is not an ear.
-
-    The evenness is twice the area over the squared length of the longest side.
-    """
+    """Return the evenness of an ear (twice its area over its longest side squared), else 0."""
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0

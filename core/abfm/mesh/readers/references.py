@@ -24,11 +24,7 @@ class References:
         self._names_in_folder: dict[str, str] | None = None
 
     def read(self, name: str) -> bytes:
-        """Return the bytes of a file; each file is read once.
-
-        OSError if the file cannot be read. ValueError if it is outside the folder, or if the files
-        are too large.
-        """
+        """Return the bytes of a file, read once; OSError if unreadable, ValueError if refused."""
         path = self.find(name)
         if path not in self._contents:
             content = read_bytes(path, self._budget)

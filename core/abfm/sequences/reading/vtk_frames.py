@@ -51,10 +51,7 @@ class Grid(NamedTuple):
 
 
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
-    """Read point data of frames: a .pvd, a .series, or one of several numbered .vtu or .vtp files.
-
-    OSError if a file cannot be read, ValueError if it is not valid.
-    """
+    """Read point data of a .pvd, .series or numbered .vtu or .vtp file; OSError or ValueError."""
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
         raise ValueError("it lists no files")

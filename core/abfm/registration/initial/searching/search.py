@@ -440,10 +440,7 @@ _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
 
 
 def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
-    """Return the candidates with only the best matchings of extremities.
-
-    The matchings are compared by their relaxation on coarser surfaces, which is fast.
-    """
+    """Return the candidates with only the best matchings, found by fast, coarser relaxations."""
     costs: dict[int, float] = {}
     for number, start in enumerate(starts):
         if start.kind == "extremities":
