@@ -2,8 +2,8 @@
 Use a mesh of trimesh in a notebook
 ===================================
 
-All functions accept meshes of trimesh, PyVista, meshio, nilearn and nibabel, file names, and pairs
-of arrays. This example matches and registers meshes of trimesh, and shows each result in its cell.
+abfm accepts meshes of trimesh, PyVista, meshio, nilearn and nibabel, file names, and pairs of
+arrays. This example matches and registers meshes of trimesh, and shows each result in its cell.
 """
 
 import trimesh
@@ -27,7 +27,9 @@ mesh
 # Match two functions
 # -------------------
 #
-# The flow of the resulting field advects the source to the target.
+# The flow of the resulting field advects the source to the target. The residual is the remaining
+# difference, relative to the standard deviation of the target. It is measured for the flow of the
+# solver, and along flow lines, which do not depend on the solver.
 
 source = abfm.function(mesh, "gaussian:vertex=10,width=0.25")
 target = abfm.function(mesh, "gaussian:vertex=30,width=0.25")
@@ -36,7 +38,7 @@ print(f"residual {match.residual:.3f}, along flow lines {match.verified_residual
 match
 
 # %%
-# A picture of the match for a paper.
+# The same match as a picture, for example for a paper.
 
 match_picture(match)
 
@@ -44,7 +46,8 @@ match_picture(match)
 # Register two surfaces
 # ---------------------
 #
-# The initial map transfers the function of A to B, and the flow of a field on B moves it on.
+# The initial map transfers the function of A to B. The flow of a field on B then advects it to the
+# function of B.
 
 a, b = (trimesh.load_mesh(asset_path(f"human_{pose}.off"), process=False) for pose in "AB")
 spot = "gaussian:vertex=394,width=0.2"

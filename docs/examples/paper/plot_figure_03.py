@@ -2,8 +2,8 @@
 Figure 3: a wide Gaussian becomes two narrow ones
 =================================================
 
-The paper shows that advection displaces values in space, which resembles optimal transport. It
-also notes that the advected functions need not be probability distributions.
+In figure 3 of the paper, one wide Gaussian is advected to two narrow ones. Values move in space,
+which resembles optimal transport. However, the integral of an advected function may change.
 """
 
 import abfm
@@ -30,8 +30,8 @@ match
 # %%
 # Compare the methods at half the time
 # ------------------------------------
-# Advection keeps the height of the bump. Optimal transport and the linear blend keep its integral,
-# but their values between the bumps are lower.
+# Advection preserves the height of the bump. Optimal transport and the linear blend preserve its
+# integral, the mass, but their values between the bumps are lower.
 
 halfway = {
     "advection": match.advect(0.5 * match.parameters.tau),
@@ -52,8 +52,8 @@ figure_picture(Sheet((tuple(panels),)))
 # %%
 # Check the range
 # ---------------
-# The discrete flow has no maximum principle, as the paper notes. The advected values exceed the
-# range of the source a little.
+# The exact flow preserves the range of a function. The discrete flow does not, as the paper notes:
+# the advected values exceed the range of the source a little.
 
 path = match.advect([0.5, 1, 1.5, 2])
 print(f"range of the source 0 to {source.max():.2f}, advected {path.min():.3f} to {path.max():.3f}")

@@ -2,8 +2,8 @@
 Figure 5: the smoothest commuting field
 =======================================
 
-Many fields commute with a given field v. The paper shows the smoothest one of them, which is found
-by a sparse eigenvalue problem.
+Two vector fields commute if their Lie bracket is zero. The paper shows a field v, and the smoothest
+one of the many fields that commute with v. It is found by a sparse eigenvalue problem.
 """
 
 import numpy as np
@@ -28,15 +28,15 @@ v = np.stack([z, 0 * y, -x], axis=1)
 # %%
 # Check that it commutes
 # ----------------------
-# The Lie bracket of u and v vanishes in proportion to the edge length. Compare it with the
-# brackets of the smoothest fields without this constraint.
+# On a mesh, the Lie bracket of u and v is not exactly zero, but proportional to the edge length. It
+# is much smaller than the brackets of v with other smooth fields.
 
 others = commuting_fields(mesh, v, 8, weight=0)
 print(f"bracket with v: {relative_bracket(mesh, v, u):.2f}")
 print(f"median of smooth fields: {np.median([relative_bracket(mesh, v, w) for w in others]):.2f}")
 
 # %%
-# The two flows can be exchanged: points arrive at the same place in either order.
+# If fields commute, points arrive at the same place along both flows in either order.
 
 along_v, along_u = abfm.Flow(mesh, v, tau=0.3), abfm.Flow(mesh, u, tau=0.3)
 first_v = along_u.push(along_v.push(mesh.vertices))
@@ -47,7 +47,8 @@ print(f"distance of the end points relative to the displacement: {distance:.4f}"
 # %%
 # Compare with the exact field
 # ----------------------------
-# The exact field is harmonic. Its speed is inversely proportional to the distance from the axis.
+# On the torus, the exact field u is harmonic. Its speed is inversely proportional to the distance
+# from the axis.
 
 ring = np.hypot(x, z)
 exact = np.stack([-y * x / ring, ring - 1, -y * z / ring], axis=1)
@@ -63,7 +64,7 @@ figure_picture(
 # %%
 # Move a function along the field
 # -------------------------------
-# The view shows a function that the flow of u moves around the tube.
+# The view shows a function that the flow of u moves around the tube of the torus.
 
 f = abfm.function(mesh, "gaussian:vertex=0,width=0.15")
 abfm.match(

@@ -36,8 +36,9 @@ def vortex(time):
 # %%
 # Transport the field
 # -------------------
-# With the bracket of Eq. 10, exp(-t ad_v) u is the pushforward. The paper prints exp(t ad_v) u,
-# which is the pullback and transports u in the opposite direction.
+# The operator ad_v is the Lie bracket with v. With its definition in Eq. 10, exp(-t ad_v) u is the
+# pushforward, the field u transported along v. The paper prints exp(t ad_v) u, which transports u
+# in the opposite direction.
 
 areas = face_areas(mesh)[:, None]
 times = (0.125, 0.25)

@@ -2,8 +2,8 @@
 Figure 8: optical flow
 ======================
 
-The paper advects a function along a known field, and recovers a field from the two functions
-alone. The recovered field is very close to the original one.
+In figure 8 of the paper, a function is advected along a known field. The field is then recovered
+from the two functions alone. The recovered field is very close to the original one.
 """
 
 import numpy as np
@@ -53,8 +53,8 @@ match
 # %%
 # Compare the fields
 # ------------------
-# A motion along the level lines of a function does not change it. The smoothness of the field
-# determines this part.
+# The functions do not determine the complete field, because motion along the level lines of a
+# function does not change it. This part is determined by the smoothness of the field.
 
 found = match.velocity[0]
 error = root_mean_square(found - original) / root_mean_square(original)

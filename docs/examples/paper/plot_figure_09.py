@@ -2,8 +2,8 @@
 Figure 9: a symmetry as a flow
 ==============================
 
-The paper composes functions with a symmetry of the surface, and finds one field whose flow is this
-symmetry. After twice the time, every point returns to its start with little drift.
+In figure 9 of the paper, the flow of one field is a symmetry of the surface, here a rotation by 180
+degrees. After twice the time, every point returns to its start, up to a small distance, the drift.
 """
 
 import abfm
@@ -25,7 +25,8 @@ symmetry = detect_symmetry(mesh, "rotation")
 # %%
 # Match the coordinates with their symmetric images
 # -------------------------------------------------
-# One function does not determine a map, so the flow matches all three coordinates together. Sigma
+# The target is the source, composed with the symmetry. One function does not determine a map, so
+# the flow matches all three coordinates together. Sigma, the allowed difference of the functions,
 # decreases in three stages. Otherwise parts of the surface can turn in opposite directions.
 
 source = mesh.normalized().vertices
@@ -38,7 +39,8 @@ match
 # %%
 # Measure the map
 # ---------------
-# Errors are geodesic distances in units of the square root of the area.
+# The error of the map is the distance between the end of the flow and the symmetric point. Errors
+# are geodesic distances in units of the square root of the area.
 
 error = map_accuracy(match.flow.coordinate_map(), symmetry.vertex_map, most=150)
 drift = map_accuracy(match.flow.coordinate_map(2.0), most=150)

@@ -2,9 +2,9 @@
 Figure 11: functions with jumps become smooth
 =============================================
 
-The paper transfers two functions between two poses by a point map, which has jumps, and by a
-functional map, which is smooth. The flow of a field then matches the former functions with the
-latter.
+The paper transfers two functions between two poses of a body in two ways. A point map produces
+functions with jumps, and a functional map produces smooth functions. The flow of a field then
+matches the functions with jumps to the smooth ones.
 """
 
 import numpy as np
@@ -45,15 +45,16 @@ match
 # %%
 # Measure the errors
 # ------------------
-# The claim of the paper is that the match succeeds.
+# The paper states that the match succeeds. The errors are differences from the target, averaged
+# over the surface and summed over the two functions.
 
 weights = vertex_areas(b.normalized())
 before, after = (weights @ abs(f - target).sum(axis=1) for f in (source, match.advected))
 print(f"mean sum of both errors: {before:.4f} before, {after:.4f} after ({after / before:.1%})")
 
 # %%
-# The functions match, but the flow is not a map of points. The jumps are between neighbouring
-# vertices, and a flow that removes them folds faces.
+# The functions match, but the flow is not a useful map of points. The jumps are between
+# neighbouring vertices, and a flow that removes them folds faces.
 
 folded = abfm.maps.map_quality(match.flow.coordinate_map()).folded
 print(f"folded faces: {folded:.0%}")

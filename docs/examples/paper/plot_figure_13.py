@@ -2,8 +2,9 @@
 Figure 13: accuracy of the maps
 ===============================
 
-The paper compares maps between two poses with the true map. Its flow of three matched functions is
-more accurate than a method that searches in a reduced basis of fields.
+The paper compares maps between two poses of a body with the true map. One map uses the flow of
+three matched functions. It is more accurate than a map by another method, which searches in a
+reduced basis of fields.
 """
 
 import numpy as np
@@ -53,8 +54,9 @@ reduced = reduced_match(energy)
 # %%
 # Read the point maps
 # -------------------
-# A flow transports functions. Here, nearest neighbours of its functional map give the map of
-# points. ZoomOut improves the initial map without any flow.
+# A flow transports functions. To read a map of points from it, we compute its functional map and
+# search nearest neighbours in the spectral embedding. For comparison, the method ZoomOut improves
+# the initial map without any flow.
 
 start = initial.pull_back(abfm.calculus.unit_eigenbasis(a, k)[1])
 by_flow = spectral_coefficients(b, match.push(start, parameters.tau), k)

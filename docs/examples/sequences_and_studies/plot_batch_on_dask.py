@@ -49,7 +49,7 @@ for alpha, match in zip(alphas, matches, strict=True):
 # The best match
 # --------------
 #
-# The match with the smallest change of areas among those that reached their target.
+# Among the matches that reached their target, the best one has the smallest change of areas.
 
 reached = [match for match in matches if match.facts.outcome.is_good]
 best = min(reached, key=lambda match: match.distortion().log2_area.mean)

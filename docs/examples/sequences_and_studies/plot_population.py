@@ -49,7 +49,8 @@ subjects.append(subject("subject 6", sign=-1))
 # Registration
 # ------------
 #
-# The template starts with the pattern. One round is enough here; the options make it fast.
+# The first target is the pattern on the template. One round is enough here. The options of the
+# registrations make them fast: few iterations, a given sigma, and no finer meshes.
 
 np.save(Path(folder.name, "pattern.npy"), pattern)
 settings = Settings(
@@ -65,12 +66,13 @@ for name, fits, reason in zip(population.names, population.fits, population.reas
 population
 
 # %%
-# Registration removes differences of position. The mean is sharper than the plain mean of the
-# subjects, and their deviation is smaller.
+# Registration removes differences of position. The mean of the registered subjects is therefore
+# sharper than the plain mean, and their standard deviation is smaller.
 
 fitting = population.fits
-print(f"deviation before: {population.before[fitting, :, 0].std(axis=0, ddof=1).mean():.3f}")
-print(f"deviation after:  {population.deviation().mean():.3f}")
+before = population.before[fitting, :, 0].std(axis=0, ddof=1)
+print(f"mean standard deviation before registration: {before.mean():.3f}")
+print(f"mean standard deviation after registration:  {population.deviation().mean():.3f}")
 functions = {
     "pattern": pattern,
     "plain mean": population.plain_mean(),

@@ -38,8 +38,8 @@ for time in times:
 # The recovered velocity
 # ----------------------
 #
-# The parameters of the norm are given here. Without them, abfm chooses those that best predict
-# patches of the frames that were left out.
+# The smoothness of the velocity depends on the parameters of a norm, which are given here. Without
+# them, abfm chooses those that best predict patches of the frames that were left out.
 
 parameters = abfm.sequences.defaults(alpha=1.0, sigma=0.1, order=1)
 sequence = abfm.sequence(mesh, frames, times, parameters)
@@ -55,7 +55,8 @@ print(f"relative error of the velocity: {np.mean(errors):.3f}")
 sequence
 
 # %%
-# Frames with arrows of the velocity. Arrows are faint where the frames do not determine it.
+# The picture has three frames with arrows of the velocity. Arrows are faint where the frames do not
+# determine the velocity.
 
 sequence_picture(sequence, times[[0, 3, 7]].tolist())
 

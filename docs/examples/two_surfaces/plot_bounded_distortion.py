@@ -3,7 +3,8 @@ Limit the distortion of a map
 =============================
 
 A close match of functions may stretch a surface more than is plausible. This example registers two
-surfaces with and without a bound of the distortion, and compares the residuals.
+surfaces with and without a bound of the distortion. It compares the residuals, the remaining
+differences of the functions relative to their standard deviation.
 """
 
 import trimesh
@@ -30,8 +31,9 @@ g = abfm.function(b, bumps.format(0.55, 0.2, 0.8))
 # -----------------
 #
 # With a bound of 1, areas and aspect ratios change by at most a factor of 2 on 99% of the faces.
-# In addition, no face is folded. The printed numbers are the larger one of
-# :math:`|\log_2 J|` (areas) and :math:`|\log_2 R|` (aspect ratios).
+# In addition, no face is folded. For each face, the distortion is the larger one of
+# :math:`|\log_2 J|` and :math:`|\log_2 R|`. J is its change of area and R its change of aspect
+# ratio. The printed bound is satisfied by 99% of the faces.
 
 parameters = abfm.Parameters(refine=0)
 free, bounded = (
@@ -46,12 +48,12 @@ for name, registration in {"without a bound": free, "bound of 1     ": bounded}.
     )
 
 # %%
-# The registration with the bound as a live view.
+# This is the registration with the bound, as a live view.
 
 bounded
 
 # %%
-# A checkerboard of A, transferred to B by both maps.
+# The picture shows a checkerboard on A, and transferred to B by both maps.
 
 board = 3 * a.vertices[:, :2]
 panels = (

@@ -25,9 +25,9 @@ b = abfm.load_mesh(asset_path("human_B.off"))
 # A registration
 # --------------
 #
-# The initial map is computed from eigenfunctions of both shapes, and five landmarks are exact. The
-# meshes have the same faces, so that vertex i of A is the true partner of vertex i of B. Only the
-# measurements below use this.
+# The initial map is computed from eigenfunctions of both shapes. The flow then moves five landmarks
+# to their targets. The meshes have the same faces, so that vertex i of A is the true partner of
+# vertex i of B. Only the measurements below use this.
 
 vertices = np.array([895, 276, 100, 1173, 583])  # hands, head and feet
 registration = abfm.register(
@@ -41,7 +41,8 @@ registration
 # ------
 #
 # Labels are never averaged: each vertex of B gets the label with the largest weight at its point
-# of A. The Dice coefficient is 1 if the transferred region is the true one.
+# of A. The Dice coefficient measures the overlap of the transferred and the true region. It is 1 if
+# both are equal.
 
 x, y, _ = a.vertices.T
 labels = np.digitize(y, np.quantile(y, [0.2, 0.4, 0.6, 0.8]))
@@ -74,7 +75,7 @@ with tempfile.TemporaryDirectory() as folder:
     print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB, any 3D viewer opens it")
 
 # %%
-# Labels and texture on A, and transferred to B.
+# The picture shows labels and texture on A, and transferred to B.
 
 figure_picture(
     Sheet(

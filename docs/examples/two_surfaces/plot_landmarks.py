@@ -21,8 +21,9 @@ b = abfm.load_mesh(asset_path("human_B.off"))
 # Features with a known map
 # -------------------------
 #
-# Both meshes have the same faces, so each point of B has a partner on A. The features of a point of
-# B come from the partner of a point further down the flow. This map is the truth.
+# Both meshes have the same faces, so each point of B has a partner on A. The true map has two
+# parts. A point of B is first moved along a known flow on B, and then mapped to its partner on A.
+# The functions of B are those of A, transferred by the true map.
 
 normals = abfm.calculus.face_normals(b)
 upwards = np.array([0.0, 0.1, 0.0])
@@ -45,8 +46,9 @@ def report(name: str, registration: abfm.Correspondence) -> None:
 # Registration
 # ------------
 #
-# The landmarks are twelve vertices of B and the corresponding points of A. The initial map connects
-# vertices with the same number. Landmarks improve it, and functions add detail between them.
+# The landmarks are twelve vertices of B and the corresponding points of A. The initial map maps
+# each vertex of B to the vertex of A with the same number. Landmarks improve it, and functions
+# improve it further between the landmarks.
 
 vertices = np.arange(50, 1229, 100)
 landmarks = (truth[vertices], vertex_points(b, vertices))
@@ -63,7 +65,7 @@ print(f"largest error of a landmark: {by_both.landmark_errors.max():.5f}")
 by_both
 
 # %%
-# A checkerboard on A, transferred to B by each map, and the points that were used as landmarks.
+# The picture shows a checkerboard on A, transferred to B by each map, and the landmarks as points.
 
 board = 6 * a.vertices[:, :2]
 panels = [Panel(a, Checker(board), "A", points=landmarks[0].positions)]
