@@ -59,5 +59,5 @@ def factor(log2: float) -> str:
 
 
 def value(number: float, span: float) -> str:
-    """Return a value with three digits; below 1e-6 of ``span`` it is a rounding error, 0."""
+    """Return a value with three digits, or 0 below 1e-6 of ``span`` (a rounding error)."""
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"

@@ -165,7 +165,10 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Return the smallest power (at least 1) of a density with entropy ``bound`` (algorithm 3)."""
+    """Return the smallest power (at least 1) of a density with at most entropy ``bound``.
+
+    The method is algorithm 3 of Solomon et al. (2015).
+    """
 
     def power(exponent: float) -> FloatArray:
         raised = (density / density.max()) ** exponent

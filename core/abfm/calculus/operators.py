@@ -148,7 +148,10 @@ def gradient(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_gradient(mesh: TriangleMesh) -> Matrix:
-    """Return the broken gradient of Crouzeix-Raviart functions ``1 - 2 phi_opposite``, (2F, E)."""
+    """Return the broken gradient of edge (Crouzeix-Raviart) functions, (2F, E).
+
+    The edge functions are ``psi_e = 1 - 2 phi_opposite``. There is no boundary condition.
+    """
     return _face_operator(mesh, -2 * hat_gradients(mesh), mesh.face_edges, len(mesh.edges))
 
 

@@ -96,7 +96,7 @@ def face_centres(mesh: TriangleMesh) -> FloatArray:
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus, distances of faces from its axis, and rotations about axis and tube."""
+    """Return a torus, distances of faces from its axis, and rotations (F, 3) of axis and tube."""
     mesh = torus(n, n // 2)
     x, y, z = face_centres(mesh).T
     ring = np.hypot(x, z)

@@ -159,7 +159,7 @@ class ContinuousFlow:
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field for flow lines; the origin of a face's frame is its corner 0."""
+    """A continuous field for flow lines; places are in face frames, whose origin is corner 0."""
 
     vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     gradients: FloatArray  # (F, 3, 2), gradients of the hat functions

@@ -65,7 +65,10 @@ class FlowLineDerivative:
         self._fans = _Fans(points)
 
     def walk(self, x: FloatArray) -> Walk:
-        """Follow N fields, (N, F, 2); AdvectionError if flow lines cross too many faces."""
+        """Follow fields (N, F, 2), ``tau / N`` each.
+
+        AdvectionError if they cross too many faces.
+        """
         faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
         tapes: list[Tape] = []
         places = np.empty((len(faces), 2))

@@ -183,7 +183,10 @@ def mapped_vertices(
 def _local_vertices(
     mesh: TriangleMesh, path: str, numbers: FloatArray, owners: IntArray | None = None
 ) -> IntArray:
-    """Convert vertex numbers of a file to rows of the mesh; messages name the ``owners``."""
+    """Convert vertex numbers of the mesh file to rows of the mesh, in the same shape.
+
+    Messages name ``owners``, the vertices of the rows of the file.
+    """
     count = mesh.file_vertex_count
     readings = [mesh.local_vertices(numbers - first) for first in (0, 1)]
     fitting = [reading for reading in readings if (reading >= 0).all()]

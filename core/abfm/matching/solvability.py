@@ -187,7 +187,7 @@ Difference: TypeAlias = tuple[Counted, Counted]
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the persistence above 0 of peaks of f (V,), or of pits of -f, in descending order."""
+    """Return the persistence, if above 0, of each peak of f (V,), descending; for pits pass -f."""
     births, deaths = diagram(mesh, f).T
     return np.asarray(births - deaths)
 

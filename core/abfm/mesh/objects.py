@@ -71,7 +71,10 @@ def parts_of(source: Any) -> Mapping[str, Any] | None:
 
 
 def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
-    """Return the part of a nilearn object for a hemisphere, or its only one, or ValueError."""
+    """Return the part of a nilearn object for a hemisphere, or its only part.
+
+    ValueError if the part is missing, or if there are several parts and none is chosen.
+    """
     found = dict(parts)
     if not hemisphere and len(found) == 1:
         return next(iter(found.values()))
