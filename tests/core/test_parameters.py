@@ -148,12 +148,8 @@ def test_table_row_is_as_printed(row, printed):
 def test_row_is_recognized_by_its_values(row):
     """A row of Table 1 has the paper's energy, and is recognised until a value changes."""
     p = row.parameters(iterations=7)
-    assert (p.solver.order, p.paper.sigma_unit, p.solver.reach, p.solver.levels) == (
-        1,
-        "absolute",
-        0,
-        1,
-    )
+    assert (p.solver.order, p.solver.reach, p.solver.levels) == (1, 0, 1)
+    assert p.paper.sigma_unit == "absolute"
     assert row_of(p).values == row.values
     for other in (row.parameters(order=2), row.parameters(alpha=2.0), Parameters()):
         assert row_of(other) is None

@@ -279,11 +279,7 @@ def test_damaged_record_keeps_the_result(done):
 @pytest.mark.parametrize(
     "fields",
     [
-        {"seconds": "abc"},
-        {"seconds": {}},
-        {"seconds": float("inf")},
-        {"seconds": float("nan")},
-        {"seconds": -1},
+        *({"seconds": value} for value in ("abc", {}, float("inf"), float("nan"), -1)),
         {"evaluations": "many"},
         {"tries": None},
         {"reason": 3},

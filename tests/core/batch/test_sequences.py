@@ -41,12 +41,8 @@ def sequence_row(folder, **more):
 
 def test_killed_row_resumes_to_equal_bytes(folder):
     """A row resumes from its checkpoint, removed at the end, to the bytes of a single run."""
-    row, control, uninterrupted, ledger = (
-        sequence_row(folder),
-        Control(),
-        Ledger(folder / "a"),
-        Ledger(folder / "b"),
-    )
+    row, control = sequence_row(folder), Control()
+    uninterrupted, ledger = Ledger(folder / "a"), Ledger(folder / "b")
     attempt(WorkItem(row, str(uninterrupted.folder), uninterrupted.make()))
     task = WorkItem(row, str(ledger.folder), ledger.make())
 

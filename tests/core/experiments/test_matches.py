@@ -180,11 +180,8 @@ def test_measures_equal_the_verification(found, monkeypatch):
     """Figures report the residual and folded faces of the verification; an overflow is noted."""
     verification = found.verify()
     measures, notes, missing = verification_measures(found)
-    assert [measure.value for measure in measures] == [
-        verification.flow_lines,
-        verification.subdivided,
-        verification.folded,
-    ]
+    expected = [verification.flow_lines, verification.subdivided, verification.folded]
+    assert [measure.value for measure in measures] == expected
     check_message(notes[0], f"along flow lines: {verification.flow_lines:.2g}")
     assert missing == ""
     verification = replace(verification, subdivided=np.inf)

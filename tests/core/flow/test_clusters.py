@@ -330,12 +330,7 @@ def test_clusters_are_a_level_before_the_mesh():
     assert found[1].fields_to_finer(x) is x
     near(found[1].fields_from_finer(to_ambient(E.mesh, x)), x, 1e-12)
     few, many = (level.energy.flow(x).exponent for level in found[1:])
-    assert [level.affordable_iterations(1000, x) for level in found] == [
-        1000,
-        1000,
-        int(2000 * few / many),
-    ]
-    assert (found[2].affordable_iterations(1000, 0 * x), found[2].affordable_iterations(2, x)) == (
-        1000,
-        2,
-    )
+    iterations = [level.affordable_iterations(1000, x) for level in found]
+    assert iterations == [1000, 1000, int(2000 * few / many)]
+    assert found[2].affordable_iterations(1000, 0 * x) == 1000
+    assert found[2].affordable_iterations(2, x) == 2

@@ -83,11 +83,8 @@ def test_channels_are_split_with_their_weights():
     spec = "circular:(coordinate:x)"
     cosine, sine = (f"circular:part={part}(coordinate:x)" for part in ("cosine", "sine"))
     found = split_channels(["coordinate:y", spec], ["coordinate:z", spec], [1.0, 0.5])
-    assert found == (
-        ["coordinate:y", cosine, sine],
-        ["coordinate:z", cosine, sine],
-        [1.0, 0.5, 0.5],
-    )
+    both = [cosine, sine]
+    assert found == (["coordinate:y", *both], ["coordinate:z", *both], [1.0, 0.5, 0.5])
     with raises(FunctionError, "circular", "coordinate:z"):
         split_channels([spec], ["coordinate:z"], [1.0])
     with raises(FunctionError, "part=cosine", "part=sine"):

@@ -274,14 +274,9 @@ def test_repeated_names_are_refused(tmp_path):
     for name in ("a.npz", "a.mat"):
         with raises(FunctionError, 2, "v"):
             value_of(tmp_path / name, ",column=v")
-    image = nibabel.gifti.GiftiImage(
-        darrays=[
-            nibabel.gifti.GiftiDataArray(
-                (k * VALUES).astype(np.float32), NONE, meta={"Name": "thickness"}
-            )
-            for k in (1, 2)
-        ]
-    )
+    new, meta = nibabel.gifti.GiftiDataArray, {"Name": "thickness"}
+    arrays = [new((k * VALUES).astype(np.float32), NONE, meta=meta) for k in (1, 2)]
+    image = nibabel.gifti.GiftiImage(darrays=arrays)
     nibabel.save(image, tmp_path / "a.gii")
     with raises(FunctionError, 2, "thickness", "column=0", 1):
         value_of(tmp_path / "a.gii", ",column=thickness")

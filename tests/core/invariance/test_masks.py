@@ -91,13 +91,10 @@ def test_register(kind):
     """Values below a mask change no bit of a registration: those on A, then those on B."""
     rough = F + noise(0.1, 1), G + noise(0.1, 2)
     given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}
+    hidden, other = [spoiled(values, kind) for values in rough], (MESH.vertices, MESH.faces)
     clean, on_a, on_b = (
-        abfm.register(MESH, TriangleMesh(MESH.vertices, MESH.faces), f, g, **given)
-        for f, g in (
-            rough,
-            (spoiled(rough[0], kind), rough[1]),
-            (rough[0], spoiled(rough[1], kind)),
-        )
+        abfm.register(MESH, TriangleMesh(*other), f, g, **given)
+        for f, g in (rough, (hidden[0], rough[1]), (rough[0], hidden[1]))
     )
     for other in (on_a, on_b):
         assert_same(clean.match, other.match)

@@ -39,11 +39,8 @@ def measurements(f, g, mask):
         range_bound(functions.reversed()),
         *flow_line_measures(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
     ]
-    decisions = [
-        squeezed(functions, advected),
-        hardly_moved(functions, advected),
-        is_measured(functions),
-    ]
+    moved = squeezed(functions, advected), hardly_moved(functions, advected)
+    decisions = [*moved, is_measured(functions)]
     return numbers, decisions
 
 

@@ -109,11 +109,9 @@ def test_ply_strips_have_one_orientation(tmp_path, kind):
     points = np.array([[x, y, 0] for x in range(4) for y in range(2)], dtype=float)
     rows = [[0, 2, 1, 3, -1, 2, 4, 3, 5, -1], [4, 6, 5, 7]]
     content = ply_bytes(points, rows, kind).replace(b"element face", b"element tristrips")
-    mesh = (
-        load_mesh(write(tmp_path, "a.ply", content.replace(b"uchar int", b"int int")))
-        if kind == "ascii"
-        else load_mesh(write(tmp_path, "a.ply", content))
-    )
+    if kind == "ascii":
+        content = content.replace(b"uchar int", b"int int")
+    mesh = load_mesh(write(tmp_path, "a.ply", content))
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
     assert np.cross(b - a, c - a)[:, 2].tolist() == [1] * 6
 

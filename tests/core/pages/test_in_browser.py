@@ -177,12 +177,8 @@ def test_wheel_touch_and_keys_zoom(open_page):
     mouse.perform()
     smaller = covered(shown)
     assert smaller < 0.8 * before
-    for kind, distance in (
-        ("touchStart", 40),
-        ("touchMove", 60),
-        ("touchMove", 80),
-        ("touchEnd", 0),
-    ):
+    moves = ("touchMove", 60), ("touchMove", 80)
+    for kind, distance in (("touchStart", 40), *moves, ("touchEnd", 0)):
         points = [{"x": x - distance, "y": y, "id": 0}, {"x": x + distance, "y": y, "id": 1}]
         touch = {"type": kind, "touchPoints": points if distance else []}
         shown.driver.execute_cdp_cmd("Input.dispatchTouchEvent", touch)
@@ -248,11 +244,8 @@ def test_layer_changes_colors_and_color_bar(open_page):
     assert shown.find("#bars").text.split("\n")[0] == "first, mV"
     shown.find("#layer").send_keys("second")
     shown.until(lambda: shown.find("#bars").text.startswith("second, K"))
-    assert [each.text for each in shown.driver.find_elements("css selector", ".end")] == [
-        "\u221210",
-        "0",
-        "10",
-    ]
+    labels = shown.driver.find_elements("css selector", ".end")
+    assert [label.text for label in labels] == ["\u221210", "0", "10"]
     np.testing.assert_allclose(shown.centre(), color_of(0.75, "viridis"), atol=4)
 
 
@@ -340,33 +333,16 @@ def test_labels_of_color_bar_are_short_and_distinct(open_page, low, high, expect
 
 def test_arrows_are_visible_in_their_interval(open_page):
     """Arrows appear in their interval, but not on parts of the surface that are seen steeply."""
-    arrow_starts, tips = (
-        np.array([[-0.2, 0.0, 1.1]] * 2),
-        np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]]),
-    )
+    tips = np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]])
+
+    def arrows(name, times, color, normal):
+        starts, sizes = np.array([[-0.2, 0.0, 1.1]] * 2), {"disc": 0.0, "line": 0.0, "arrow": 6.0}
+        return Paths(name, starts, tips, times, color, normals=np.array([normal] * 2), **sizes)
+
+    in_turn, steep = np.array([TIMES[:2], TIMES[1:]]), np.array([TIMES[[0, 2]]] * 2)
     paths = [
-        Paths(
-            "arrows",
-            arrow_starts,
-            tips,
-            np.array([TIMES[:2], TIMES[1:]]),
-            RED,
-            disc=0.0,
-            line=0.0,
-            arrow=6.0,
-            normals=np.array([[0.0, 0.0, 1.0]] * 2),
-        ),
-        Paths(
-            "steep",
-            arrow_starts,
-            tips,
-            np.array([TIMES[[0, 2]]] * 2),
-            (0.0, 0.0, 1.0),
-            disc=0.0,
-            line=0.0,
-            arrow=6.0,
-            normals=np.array([[1.0, 0.0, 0.0]] * 2),
-        ),
+        arrows("arrows", in_turn, RED, (0.0, 0.0, 1.0)),
+        arrows("steep", steep, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
     ]
     light = Layer("f", even(0.0)[0], COLORS)
     shown = open_page(page(Panel("ball", BALL, [light], FRONT, paths)))

@@ -213,15 +213,11 @@ def test_gifti_external_file_is_read(tmp_path):
     (tmp_path / "a.bin").write_bytes(NINE.tobytes())
     os.mkfifo(tmp_path / "pipe")
     assert external("a.bin") == [1, 2, 3]
+    outside = str(tmp_path.parent / "b.bin"), "../b.bin"
     for name, offset, named in (
-        ("a.bin", "28", (8, 12)),
-        ("a.bin", "-4", ()),
-        ("/dev/zero", "0", ()),
-        ("pipe", "0", ()),
-        ("none", "0", ()),
-        (".", "0", ()),
-        (str(tmp_path.parent / "b.bin"), "0", ("folder",)),
-        ("../b.bin", "0", ("folder",)),
+        *(("a.bin", "28", (8, 12)), ("a.bin", "-4", ())),
+        *((name, "0", ()) for name in ("/dev/zero", "pipe", "none", ".")),
+        *((name, "0", ("folder",)) for name in outside),
     ):
         (tmp_path.parent / "b.bin").write_bytes(NINE.tobytes())
         with raises((OSError, ValueError), *named):

@@ -120,11 +120,8 @@ def test_rotation_has_no_distortion_and_full_coverage():
     assert abs(np.average(np.log2(distortion.area), weights=distortion.weights)) < 0.02
     assert distortion.folded == 0
     assert found.coverage() == 1
-    half = Correspondence(
-        PointMap.of_vertices(
-            FINE, FINE, np.where(FINE.vertices[:, 0] > 0, np.arange(len(FINE.vertices)), 0)
-        )
-    )
+    images = np.where(FINE.vertices[:, 0] > 0, np.arange(len(FINE.vertices)), 0)
+    half = Correspondence(PointMap.of_vertices(FINE, FINE, images))
     assert 0.45 < half.coverage() < 0.75
 
 

@@ -107,13 +107,8 @@ def flowed(mesh, directions, strength=0.12):
 def found():
     f = hills(A.vertices)
     g = hills(flowed(B, TURN.inv().apply(B.vertices.copy())))
-    return register(
-        A,
-        B,
-        f,
-        3 * g + 7,
-        parameters=Parameters.of(**{**MEASURED_PARAMETERS.to_dict(), "sigma": 2}),
-    )
+    parameters = Parameters.of(**{**MEASURED_PARAMETERS.to_dict(), "sigma": 2})
+    return register(A, B, f, 3 * g + 7, parameters=parameters)
 
 
 def test_rotation_and_flow_recover_a_map(found):
@@ -307,11 +302,8 @@ def test_landmarks_have_the_numbers_of_the_input():
     """Landmarks count rows of a pair of arrays, or rows of a mesh made from it."""
     pair = np.vstack([[[9.0, 9, 9]], B.vertices]), B.faces + 1
     rows = np.array([[0, 4], [30, 31], [90, 95]])
-    for a, b, shift in (
-        (pair, pair, [1, 1]),
-        (pair, B, [1, 0]),
-        (TriangleMesh(*pair), TriangleMesh(*pair), [0, 0]),
-    ):
+    made = TriangleMesh(*pair), TriangleMesh(*pair)
+    for a, b, shift in ((pair, pair, [1, 1]), (pair, B, [1, 0]), (*made, [0, 0])):
         problem = prepare(a, b, landmarks=rows + shift, initial="connectivity").problem
         expected = problem.landmarks.targets(problem.mesh).positions
         assert_allclose(expected, B.vertices[rows[:, 1]], atol=1e-12)

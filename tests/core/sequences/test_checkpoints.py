@@ -151,11 +151,8 @@ def test_checkpoints_move_with_their_result(tmp_path):
         (tmp_path / name).touch()
     move_checkpoints(tmp_path / "a-1.npz", tmp_path / "b.npz")
     remaining = {path.name for path in tmp_path.iterdir()}
-    assert remaining == {
-        "b.npz-1a2b3c4d.unfinished",
-        "b.npz-2.unfinished",
-        "a-1-1.npz-3.unfinished",
-    }
+    names = ("b.npz-1a2b3c4d", "b.npz-2", "a-1-1.npz-3")
+    assert remaining == {f"{name}.unfinished" for name in names}
 
 
 def test_only_checkpoints_of_a_result_are_removed(tmp_path):

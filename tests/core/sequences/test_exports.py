@@ -243,27 +243,17 @@ def test_intervals_table_has_verdicts(tmp_path):
     rows = table(tmp_path / "i.csv")
     assert_array_equal([float(row["start"]) for row in rows], TIMES[:-1])
     assert_array_equal([float(row["end"]) for row in rows], TIMES[1:])
-    for name, expected in (
-        ("speed", solved().speed),
-        ("residual", solved().residual),
-        ("by_flow_lines", solved().verified_residual),
-        ("folded", solved().folded),
-    ):
+    columns = {name: getattr(solved(), name) for name in ("speed", "residual", "folded")}
+    columns["by_flow_lines"] = solved().verified_residual
+    for name, expected in columns.items():
         assert_array_equal([float(row[name]) for row in rows], expected)
     assert [row["verdict"] for row in rows] == [each.kind for each in solved().verdicts]
 
 
 def test_unsolved_intervals_have_empty_cells(tmp_path):
     control = abfm.workers.Control()
-    found = abfm.sequence(
-        MESH,
-        rotating_frames(),
-        TIMES,
-        solved().parameters,
-        0.0,
-        on_interval=cancelled_by(control),
-        control=control,
-    )
+    stop = {"on_interval": cancelled_by(control), "control": control}
+    found = abfm.sequence(MESH, rotating_frames(), TIMES, solved().parameters, 0.0, **stop)
     export_intervals(tmp_path / "i.csv", found)
     rows = table(tmp_path / "i.csv")
     assert [row["by_flow_lines"] == "" for row in rows] == [False, True, True, True]

@@ -31,17 +31,9 @@ ROWS = (f"its {COUNT} rows are the vertices, its columns the frames",)
 
 def gifti(path, arrays, step=None, intent="NIFTI_INTENT_TIME_SERIES"):
     meta = {} if step is None else {"TimeStep": step}
-    nibabel.save(
-        nibabel.gifti.GiftiImage(
-            darrays=[
-                nibabel.gifti.GiftiDataArray(
-                    np.asarray(each, np.float32), intent, meta=nibabel.gifti.GiftiMetaData(meta)
-                )
-                for each in arrays
-            ]
-        ),
-        path,
-    )
+    new, about = nibabel.gifti.GiftiDataArray, nibabel.gifti.GiftiMetaData(meta)
+    darrays = [new(np.asarray(each, np.float32), intent, meta=about) for each in arrays]
+    nibabel.save(nibabel.gifti.GiftiImage(darrays=darrays), path)
 
 
 def series(folder, times=TIMES, data=FRAMES, name="wave_{:03}.vtu", has_time=False):

@@ -40,18 +40,12 @@ def test_rotating_source_and_sink_are_tracked():
 
 def test_order_of_points_does_not_matter():
     found = heights(0.15, 6)
-    swapped = [
-        CriticalPoints(
-            each.points[np.array([1, 0])],
-            each.index[::-1],
-            each.kinds[::-1],
-            each.divergence[::-1],
-            each.curl[::-1],
-        )
-        if i % 2
-        else each
-        for i, each in enumerate(found)
-    ]
+    swapped = list(found)
+    for i, each in enumerate(found):
+        if i % 2:
+            values = (each.index, each.kinds, each.divergence, each.curl)
+            points = each.points[np.array([1, 0])]
+            swapped[i] = CriticalPoints(points, *(array[::-1] for array in values))
     one, other = (tracks(SPHERE, each, np.arange(6.0)) for each in (found, swapped))
     for first, second in zip(one, other, strict=True):
         assert_array_equal(first.points.positions, second.points.positions)

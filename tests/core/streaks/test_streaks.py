@@ -171,12 +171,11 @@ def test_streaks_lie_along_the_flow_on_any_mesh(level):
     points = on_sphere(4000)
     points = points[np.linalg.norm(np.cross(axis, points), axis=1) > 0.3]
     width, grain = mesh.length_scale / 400, 1.5 * atlas.texel_length
-    for distance, minimum in (
-        (3 * grain, 0.85),
-        (6 * grain, 0.6),
-        (4 * width, 0.8),
-        (8 * width, 0.5),
-    ):
+    of_texels, of_widths = (
+        ((3 * grain, 0.85), (6 * grain, 0.6)),
+        ((4 * width, 0.8), (8 * width, 0.5)),
+    )
+    for distance, minimum in (*of_texels, *of_widths):
         assert correlation(atlas, image, points, rotated(points, axis, distance)) > minimum
     across = np.cross(points, np.cross(axis, points))
     across /= np.linalg.norm(across, axis=1, keepdims=True)

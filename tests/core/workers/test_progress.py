@@ -90,15 +90,8 @@ def test_text_shows_times_of_long_steps(known, now, text):
 
 
 def test_times_are_rounded_and_texts_include_the_step():
-    texts = {
-        0: "1 s",
-        7.6: "8 s",
-        12: "10 s",
-        43: "45 s",
-        55: "1 min",
-        100: "2 min",
-        3600: "60 min",
-    }
+    texts = {0: "1 s", 7.6: "8 s", 12: "10 s", 43: "45 s"}
+    texts |= {55: "1 min", 100: "2 min", 3600: "60 min"}
     assert {seconds: rounded_time(seconds) for seconds in texts} == texts
     assert progress_text("opening", None) == "opening"
     assert progress_text("opening", Step("reading an OFF mesh")) == "opening: reading an OFF mesh"

@@ -90,12 +90,8 @@ def fail_in_every_panel(gui, monkeypatch):
 
     def draw(context):
         ui = context.ui
-        with (
-            ui.group("deep"),
-            ui.disabled(),
-            child(ui, "inner", 40),
-            section(ui, "more") as is_open,
-        ):
+        inner, more = child(ui, "inner", 40), section(ui, "more")
+        with ui.group("deep"), ui.disabled(), inner, more as is_open:
             assert is_open
             fail()
 

@@ -203,15 +203,9 @@ def show_the_changing_side(gui, tmp_path):
 
 def step_between_frames(opened):
     session, player = opened.session, opened.session.player
-    for act, what, time in (
-        (opened.click, ">", 1),
-        (opened.click, ">", 2),
-        (opened.click, "<", 1),
-        (opened.key, "right", 2),
-        (opened.key, "end", 4),
-        (opened.key, "right", 4),
-        (opened.key, "home", 0),
-    ):
+    clicks = [(opened.click, label, time) for label, time in ((">", 1), (">", 2), ("<", 1))]
+    keys = ("right", 2), ("end", 4), ("right", 4), ("home", 0)
+    for act, what, time in (*clicks, *((opened.key, key, time) for key, time in keys)):
         act(what)
         assert session.document.time == time
     opened.drag("time", 2.5)

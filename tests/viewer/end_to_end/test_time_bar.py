@@ -56,15 +56,9 @@ def step_and_play(matched):
         matched.type("time", text)
         check_message(session.notices.latest.text, text)
         assert session.time == 1
-    for act, what, time in (
-        (matched.click, "<", 0.95),
-        (matched.click, ">", 1),
-        (matched.click, ">", 1.05),
-        (matched.key, "left", 1),
-        (matched.key, "home", 0),
-        (matched.key, "right", 0.05),
-        (matched.key, "end", 1),
-    ):
+    clicks = [(matched.click, label, time) for label, time in (("<", 0.95), (">", 1), (">", 1.05))]
+    keys = ("left", 1), ("home", 0), ("right", 0.05), ("end", 1)
+    for act, what, time in (*clicks, *((matched.key, key, time) for key, time in keys)):
         act(what)
         assert session.time == pytest.approx(time)
     matched.type("time", "99")

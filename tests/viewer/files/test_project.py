@@ -186,16 +186,10 @@ def sequence_document(solved=True):
     phases = check_frames(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
     shown = circular_sequence(FrameSequence("wave", replace(phases, notes=("a note",))), 7.0)
     control, settings = Control(), defaults(alpha=0.1, sigma=0.5, order=1)
-    found = sequence(
-        SPHERE,
-        shown.frames.values.copy(),
-        shown.times,
-        settings,
-        mask=shown.frames.mask,
-        weights=shown.frames.weights,
-        on_interval=lambda number: control.cancel(),
-        control=control,
-    )
+    given = {"mask": shown.frames.mask, "weights": shown.frames.weights}
+    stop = {"on_interval": lambda number: control.cancel(), "control": control}
+    values = shown.frames.values.copy()
+    found = sequence(SPHERE, values, shown.times, settings, **given, **stop)
     assert found.solved.tolist() == [True, False]
     result = replace(found, _frames=shown.frames) if solved else None
     settings = SequenceSettings(alpha=0.1, sigma=0.5, order=1)

@@ -75,11 +75,8 @@ def test_finer_mesh_is_shown_on_request(session, painter):
             paint = painter.paint(name)
             assert len(paint.values) == len(paint.mesh.vertices) == len(fine.vertices)
             assert painter.paint(name) is paint
-        np.testing.assert_allclose(
-            painter.paint("advected").values[: len(SPHERE.vertices)],
-            found.advect(time)[:, 0],
-            atol=1e-6,
-        )
+        values = painter.paint("advected").values[: len(SPHERE.vertices)]
+        np.testing.assert_allclose(values, found.advect(time)[:, 0], atol=1e-6)
     show(session, coloring="speed")
     assert painter.paint("advected").mesh is None
     show(session, coloring="function", finer=False)

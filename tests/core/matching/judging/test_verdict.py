@@ -361,13 +361,8 @@ def test_larger_tau_is_equivalent_to_smaller_sigma():
 def test_remedy_changes_only_different_parameters():
     without_reach = remedies(USUAL, 120).larger_reach()
     assert without_reach.parameters["reach"] == 1.0
-    assert {
-        "order",
-        "levels",
-        "sigma",
-        "sigma_unit",
-        "iterations",
-    } <= without_reach.parameters.keys()
+    names = {"order", "levels", "sigma", "sigma_unit", "iterations"}
+    assert names <= without_reach.parameters.keys()
     check_message(without_reach.words)
     near = remedies(Parameters.of(reach=0.05), 120).larger_reach()
     assert near.parameters == {"reach": 1.0}

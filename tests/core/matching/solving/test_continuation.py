@@ -121,11 +121,11 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
 
     short, few = matched()
     patched = Schedule.stage
-    monkeypatch.setattr(
-        Schedule,
-        "stage",
-        lambda *args, **error: replace(patched(*args, **error), goal=0.0, is_search=False),
-    )
+
+    def fixed(*args, **error):
+        return replace(patched(*args, **error), goal=0.0, is_search=False)
+
+    monkeypatch.setattr(Schedule, "stage", fixed)
     long, many = matched()
     assert len(few) < 0.8 * len(many)
     assert {len(one.velocity) for one in few} == {1}

@@ -82,11 +82,8 @@ def test_score_is_the_residual_of_held_out_patches():
 
 def test_fields_do_not_depend_on_held_out_values():
     """Other target values on the patches of a fold change the fields of all other folds only."""
-    (f, g), fields, p = (
-        bumps(5),
-        [],
-        Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0),
-    )
+    (f, g), fields = bumps(5), []
+    p = Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0)
     stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
         complete = MatchingEnergy(SPHERE, f, target, p)

@@ -100,16 +100,10 @@ def test_second_variant(changes, functions, other):
 def test_reach_is_maximal_after_a_failed_variant():
     """The reach grows only if sigma is automatic and the functions are exact."""
     schedule = Schedule(Parameters.of(reach=0.5), EXACT, 1)
-    assert [schedule.reach(residual) for residual in (0.6, 0.9, np.inf)] == [
-        0.5,
-        REACH_MAX,
-        REACH_MAX,
-    ]
-    for schedule in (
-        Schedule(Parameters(), MEASURED, 1),
-        Schedule(Parameters(sigma=1.0), EXACT, 1),
-    ):
-        assert schedule.reach(0.9) == 1.0
+    reaches = [schedule.reach(residual) for residual in (0.6, 0.9, np.inf)]
+    assert reaches == [0.5, REACH_MAX, REACH_MAX]
+    for p, functions in ((Parameters(), MEASURED), (Parameters(sigma=1.0), EXACT)):
+        assert Schedule(p, functions, 1).reach(0.9) == 1.0
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))

@@ -24,11 +24,8 @@ POSES = bundled("human_A.off"), bundled("human_B.off")
 
 def moved(mesh, rotation, scale=1.0, side=1):
     """Return a copy after rotation, scaling, translation and, for side -1, reflection."""
-    vertices = scale * side * Rotation.from_rotvec(rotation).apply(mesh.vertices.copy()) + [
-        3,
-        -1,
-        2,
-    ]
+    rotated = Rotation.from_rotvec(rotation).apply(mesh.vertices.copy())
+    vertices = scale * side * rotated + [3, -1, 2]
     return TriangleMesh(vertices, mesh.faces[:, ::side])
 
 

@@ -72,15 +72,8 @@ def test_relaxation_reduces_the_energy():
     to_a = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
     start = two_way_map(COARSE, COARSE, to_a)
     none = COARSE.descriptors[:, :0]
-    found = relax(
-        COARSE,
-        COARSE,
-        start,
-        (none, none),
-        weight=0,
-        penalties=np.geomspace(0.05, 10, 8),
-        iterations=2,
-    )
+    settings = {"weight": 0, "penalties": np.geomspace(0.05, 10, 8), "iterations": 2}
+    found = relax(COARSE, COARSE, start, (none, none), **settings)
 
     def error(map_):
         return COARSE.areas @ COARSE.distances[map_, np.arange(len(map_))]
