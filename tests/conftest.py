@@ -4,7 +4,7 @@ import gc
 import os
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tests.messages import MessageSnapshot
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
@@ -21,8 +21,11 @@ _SLOW_TEST_NAMES = (
     "test_attack",
 )
 """Parts of the names of tests that take 10 seconds or more, the longest first."""
-# no deadline, since machines may be busy; each run draws new examples
-settings.register_profile("untimed", deadline=None, max_examples=50)
+# no deadline, since machines may be busy; each run draws new examples, with the same fixtures
+_FIXTURES = [HealthCheck.function_scoped_fixture]
+settings.register_profile(
+    "untimed", deadline=None, max_examples=50, suppress_health_check=_FIXTURES
+)
 settings.load_profile("untimed")
 
 

@@ -114,7 +114,7 @@ def test_vertices_inside_subdivided_slivers_are_joined():
     assert cluster_rates(mesh, vertex_clusters(mesh)).max() < 5 * np.median(rates)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(gap=st.floats(1e-4, 0.1), count=st.integers(1, 5), seed=st.integers(0, 2**20))
 def test_clusters_of_random_slivers(gap, count, seed):
     mesh = knotted(icosphere(3), count, gap, seed)
@@ -124,7 +124,7 @@ def test_clusters_of_random_slivers(gap, count, seed):
 
 
 @uneven
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3), scale=st.floats(1e-3, 1e3), seed=st.integers(0, 2**20)
 )

@@ -6,7 +6,7 @@ import nibabel
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -174,7 +174,7 @@ def test_wrong_map_entries_are_counted(tmp_path, bad):
         through(tmp_path / "map.npy", MESH)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     seed=st.integers(0, 2**30),
     first=st.sampled_from([0, 1]),
@@ -359,9 +359,7 @@ def check_outcomes(path):
             assert np.isfinite(values).all()
 
 
-@settings(
-    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=100)
 @given(
     content=st.binary(max_size=60)
     | st.text("0123456789.,;\t\n\r\"'#+-eE naif\x00\x1b", max_size=60).map(str.encode),

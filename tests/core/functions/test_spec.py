@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -249,13 +249,11 @@ specs = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(specs)
 def test_any_spec_round_trips(spec):
     assert parse(str(spec)) == spec
 
 
-@settings(deadline=None)
 @given(
     st.text()
     | st.lists(st.sampled_from([*MEANINGS, "(", ")", "+", ",", "=", '"', "vertex=1"])).map("".join)
@@ -319,7 +317,6 @@ def test_values_that_are_not_finite_are_counted():
         function(shifted, "expression:1/abs(x)")
 
 
-@settings(deadline=None)
 @given(st.text(alphabet="xyzsincoqrt0123456789.+-*/%()<>=!, e", max_size=40))
 def test_any_formula_is_finite_or_refused(formula):
     try:

@@ -68,16 +68,8 @@ def test_surfaces_are_read_by_nibabel(tmp_path):
 @pytest.mark.parametrize(
     "name",
     [
-        "a.shape.gii",
-        "a.func.gii",
-        "a.gii",
-        "a.FUNC.gii.gz",
-        "a.npy",
-        "a.NPY",
-        "a.csv",
-        "a.Txt",
-        "a.mgh",
-        "a.MGZ",
+        *("a.shape.gii", "a.func.gii", "a.gii", "a.FUNC.gii.gz", "a.npy"),
+        *("a.NPY", "a.csv", "a.Txt", "a.mgh", "a.MGZ"),
     ],
 )
 @pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])

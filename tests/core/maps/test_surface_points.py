@@ -58,7 +58,7 @@ def check_projection(mesh, points, unit=1.0):
     assert towards.max() <= 1e-13 * (1 + np.abs(points).max()) ** 2
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(
     radii=arrays(float, 42, elements=st.floats(0.3, 2)),
     points=arrays(float, (12, 3), elements=st.floats(-3, 3)),
@@ -83,7 +83,7 @@ def test_closest_points_of_a_body():
     check_projection(mesh, some + noise, mesh.length_scale)
 
 
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(points=arrays(float, (5, 3), elements=st.floats(-2, 3)))
 def test_projection_to_a_square_is_clamping(points):
     found, expected = project_onto_surface(square(5), points), np.clip(points, 0, [1, 1, 0])
@@ -234,7 +234,7 @@ def test_distortion_of_rotations_and_collapses():
     assert (line.singular_values[:, 0] > 0).any()
 
 
-@settings(deadline=None, max_examples=40, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(matrix=arrays(float, (2, 2), elements=st.floats(-3, 3)))
 def test_distortion_of_a_linear_map_of_the_plane(matrix):
     mesh = square(3)

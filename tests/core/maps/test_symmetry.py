@@ -90,7 +90,7 @@ def test_mirror_of_the_human_agrees_with_its_file():
     assert detect_symmetry(HUMAN, "mirror") is found
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     scale=st.floats(1e-3, 1e3),
@@ -108,7 +108,7 @@ def test_symmetry_of_moved_and_renumbered_meshes(turn, scale, shift, seed):
     assert abs(turn.apply(before.axis) @ after.axis) == pytest.approx(1, abs=1e-9)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
 def test_noise_hardly_moves_the_plane(level, seed):
     """Noise hardly moves the plane of symmetry, and the reported error has its size."""

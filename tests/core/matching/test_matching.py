@@ -248,7 +248,7 @@ def test_start_for_another_tau_has_the_same_flow():
     assert_allclose(second.advected, first.advected, atol=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-6, 8), st.floats(-8, 6), st.floats(-6, 3), st.floats(-3, 2))
 def test_extreme_parameters_give_finite_results(exponent, alpha, sigma, tau):
     f, g = (10.0**exponent * h for h in pair(SPHERE))

@@ -104,7 +104,7 @@ def with_flipped_bits(path, load, check):
     """Load a file with one byte changed: it must be refused, or have the same contents."""
     content_before = path.read_bytes()
 
-    @settings(deadline=None, max_examples=150, derandomize=True)
+    @settings(max_examples=150, derandomize=True)
     @given(position=st.integers(0, len(content_before) - 1), value=st.integers(1, 255))
     def flip(position, value):
         content = bytearray(content_before)

@@ -105,7 +105,7 @@ kinds = arrays.integer_dtypes() | arrays.unsigned_integer_dtypes() | arrays.floa
 kinds |= arrays.boolean_dtypes() | arrays.complex_number_dtypes() | arrays.unicode_string_dtypes()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     array=arrays.arrays(kinds, arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4)),
     version=st.sampled_from([1, 2, 3]),

@@ -26,21 +26,68 @@ def test_decimal_commas_with_other_separators(separator, head):
     names, found, _ = read_numbers(head.format(separator) + written(separator))
     assert_array_equal(found, NUMBERS)
     assert [name.strip() for name in names] == (["depth", "area"] if head else [])
+    assert_array_equal(read_numbers(written(",", quote='"')).table, NUMBERS)
 
 
-def test_decimal_commas_in_quotes_are_read():
-    assert_array_equal(read_numbers(written(",", quote='"'))[1], NUMBERS)
-    assert_array_equal(read_numbers('"0,369"\n"1,5"\n')[1], [[0.369], [1.5]])
+NAN = np.nan
+AFNI = "# ---------\n# surface 'a' :\n#\n#  node   v0\n# -----  ----\n 3  0.5\n"
+READ = {  # text, names and numbers
+    "decimal commas in quotes": ('"0,369"\n"1,5"\n', [], [[0.369], [1.5]]),
+    "separator line of Excel": ("sep=;\na;b\n1;2\n", ["a", "b"], [[1, 2]]),
+    "one name": ("mean depth\n0,369\n-1,25\n", ["mean depth"], [[0.369], [-1.25]]),
+    "names of two columns": ("a,b\n0,369\n1,25\n", ["a", "b"], [[0, 369], [1, 25]]),
+    "commas with blanks": ("0, 369\n1, 25.5\n", [], [[0, 369], [1, 25.5]]),
+    "first number missing": ("NA,1\n2,3\n", [], [[NAN, 1], [2, 3]]),
+    "first line missing": ("NA\n2\n", [], [[NAN], [2]]),
+    "first line with an error of Excel": ("#VALUE!\n2\n", [], [[NAN], [2]]),
+    "first line false": ("FALSE\nTRUE\n", [], [[0], [1]]),
+    "series of pandas": (",0\n5,1\n", ["", "0"], [[5, 1]]),
+    "row names of R": (
+        '"x" "y z"\n"1" 0.5 NA\n"2" 1 3\n',
+        ["", "x", "y z"],
+        [[1, 0.5, NAN], [2, 1, 3]],
+    ),
+    "title": ("depth of 2\n1 0.5 2 1\n3 1 3 1\n", [], [[1, 0.5, 2, 1], [3, 1, 3, 1]]),
+    "exponents of Fortran": ("1.5D+01, 2d-1\n-1, 3\n", [], [[15, 0.2], [-1, 3]]),
+    **{
+        f"exponents of Fortran after {each!r}": (
+            f"1,5D+01{each}2,5d-1\n-1{each}3,0D0\n",
+            [],
+            [[15, 0.25], [-1, 3]],
+        )
+        for each in ("; ", "\t", " ")
+    },
+    "column of words": ('a,area,b\n1,"V1, left",\n2.5,V2,4\n', ["a", "b"], [[1, NAN], [2.5, 4]]),
+    "separator at the end": ("0.5,1,\n2,3,\n", [], [[0.5, 1], [2, 3]]),
+    "separator at the end, names": ("a,b\n0.5,1,\n2,3,\n", ["a", "b"], [[0.5, 1], [2, 3]]),
+    "booleans, Unicode minus": ("a,m\n1,True\n\u22122,FALSE\n", ["a", "m"], [[1, 1], [-2, 0]]),
+    "line below names of AFNI": (AFNI.encode(), ["node", "v0"], [[3, 0.5]]),
+    "encoding of Excel": ("Größe;n\r\n0,5;1\r\n".encode("cp1252"), ["Größe", "n"], [[0.5, 1]]),
+}
 
 
-def test_separator_line_of_excel_is_skipped():
-    assert read_numbers("sep=;\na;b\n1;2\n")[1].tolist() == [[1, 2]]
+@pytest.mark.parametrize(("text", "names", "numbers"), READ.values(), ids=READ)
+def test_tables_of_programs_are_read(text, names, numbers):
+    found = read_numbers(text)
+    assert found.names == names
+    assert_array_equal(found.table, numbers)
 
 
-def test_one_name_makes_one_column_of_decimal_commas():
-    names, found, _ = read_numbers("mean depth\n0,369\n-1,25\n")
-    assert found.tolist() == [[0.369], [-1.25]]
-    assert names == ["mean depth"]
+def test_integers_may_be_expected():
+    """If integers are expected, a comma between them separates columns without names."""
+    assert_array_equal(read_numbers("0,369\n1,25\n", integers=True).table, [[0, 369], [1, 25]])
+
+
+def test_columns_of_words_are_omitted():
+    assert read_numbers('a,area,b\n1,"V1, left",\n2.5,V2,4\n').places == [0, 2]
+    with raises(ValueError, "V1", 0):
+        read_numbers("a,b\n1,V1\n2,3\n")
+
+
+def test_fortran_exponents_are_read():
+    """Decimal commas are ambiguous also with exponents, such as -6,25D+02."""
+    with raises(ValueError, "-6,25D+02", "decimal"):
+        read_numbers("-6,25D+02\n2,5D+00\n")
 
 
 @pytest.mark.parametrize(
@@ -62,13 +109,6 @@ def test_one_name_makes_one_column_of_decimal_commas():
 def test_ambiguous_tables_are_refused(text, named):
     with raises(ValueError, *named):
         read_numbers(text)
-
-
-def test_pairs_of_integers_are_two_columns():
-    """A comma between integers separates columns, also without names if integers are expected."""
-    assert read_numbers("0,369\n1,25\n", integers=True)[1].tolist() == [[0, 369], [1, 25]]
-    assert read_numbers("a,b\n0,369\n1,25\n")[1].tolist() == [[0, 369], [1, 25]]
-    assert read_numbers("0, 369\n1, 25.5\n")[1].tolist() == [[0, 369], [1, 25.5]]
 
 
 @given(
@@ -105,60 +145,3 @@ def test_missing_numbers_are_nan(separator, word):
     names, found, _ = read_numbers("\n".join(line.replace(",", separator) for line in lines))
     assert names == ["a", "b"]
     assert_array_equal(found, [[0.5, np.nan], [np.nan, 2], [np.nan, 3]])
-
-
-def test_first_line_may_lack_a_number():
-    assert_array_equal(read_numbers("NA,1\n2,3\n").table, [[np.nan, 1], [2, 3]])
-    assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
-    assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
-    assert_array_equal(read_numbers("FALSE\nTRUE\n").table, [[0], [1]])
-    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas writes a Series
-
-
-def test_r_row_names_have_no_column_name():
-    """A table by write.table of R has row names without a column name; a title has no names."""
-    found = read_numbers('"depth" "mean depth"\n"1" 0.5 NA\n"2" 1 3\n')
-    assert found.names == ["", "depth", "mean depth"]
-    assert_array_equal(found.table, [[1, 0.5, np.nan], [2, 1, 3]])
-    assert not read_numbers("depth of 2\n1 0.5 2 1\n3 1 3 1\n").names
-
-
-def test_fortran_exponents_are_read():
-    assert_array_equal(read_numbers("1.5D+01, 2d-1\n-1, 3\n").table, [[15, 0.2], [-1, 3]])
-    for separator in ("; ", "\t", " "):
-        found = read_numbers(f"1,5D+01{separator}2,5d-1\n-1{separator}3,0D0\n")
-        assert_array_equal(found.table, [[15, 0.25], [-1, 3]])
-    with raises(ValueError, "-6,25D+02", "decimal"):
-        read_numbers("-6,25D+02\n2,5D+00\n")
-
-
-def test_columns_of_words_are_omitted():
-    found = read_numbers('a,area,b\n1,"V1, left",\n2.5,V2,4\n')
-    assert found.names == ["a", "b"]
-    assert found.places == [0, 2]
-    assert_array_equal(found.table, [[1, np.nan], [2.5, 4]])
-    with raises(ValueError, "V1", 0):
-        read_numbers("a,b\n1,V1\n2,3\n")
-
-
-def test_trailing_separator_makes_no_column():
-    found = read_numbers("0.5,1,\n2,3,\n")
-    assert_array_equal(found.table, [[0.5, 1], [2, 3]])
-    assert read_numbers("a,b\n0.5,1,\n2,3,\n").names == ["a", "b"]
-
-
-def test_booleans_and_unicode_minus_are_read():
-    assert_array_equal(read_numbers("a,m\n1,True\n\u22122,FALSE\n").table, [[1, 1], [-2, 0]])
-
-
-def test_line_below_commented_names_is_skipped():
-    """A line of dashes below commented names, by 3dVol2Surf of AFNI, is skipped."""
-    found = read_numbers(b"# ---------\n# surface 'a' :\n#\n#  node   v0\n# -----  ----\n 3  0.5\n")
-    assert found.names == ["node", "v0"]
-    assert_array_equal(found.table, [[3, 0.5]])
-
-
-def test_names_in_the_encoding_of_excel():
-    names, found, _ = read_numbers("Größe;n\r\n0,5;1\r\n".encode("cp1252"))
-    assert names == ["Größe", "n"]
-    assert_array_equal(found, [[0.5, 1]])

@@ -113,7 +113,7 @@ def test_seams_leave_no_trace():
     height=st.integers(1, 7),
     modes=st.sampled_from([("repeat", "grid-wrap"), ("clamp", "nearest"), ("mirror", "reflect")]),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_sampling_agrees_with_scipy(places, width, height, modes):
     mesh = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     image = np.random.default_rng(width + 10 * height).integers(0, 256, (height, width, 3))

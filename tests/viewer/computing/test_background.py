@@ -134,7 +134,7 @@ class RequestMachine(RuleBasedStateMachine):
 
 
 TestRequests = RequestMachine.TestCase
-TestRequests.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestRequests.settings = settings(max_examples=60, stateful_step_count=25)
 
 
 @pytest.fixture

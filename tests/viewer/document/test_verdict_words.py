@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
@@ -101,7 +101,6 @@ def test_large_area_change_is_a_warning(found, kind, tone):
     assert ("max_distortion" in found_advice) is (kind != "not reached")
 
 
-@settings(deadline=None)
 @given(pairs=st.lists(st.tuples(RESIDUAL, RESIDUAL | st.just(math.nan)), min_size=2, max_size=2))
 def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
     """Neither the verdict nor the exit status is worse for a smaller residual."""
@@ -116,7 +115,6 @@ def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
         assert status_of(better.facts) <= status_of(worse.facts)
 
 
-@settings(deadline=None)
 @given(residual=RESIDUAL, verified=RESIDUAL | st.just(math.nan), kind=st.sampled_from(VERDICTS))
 def test_headline_share_is_at_least_both_residuals(found, residual, verified, kind):
     """A headline has a residual only with the verdict that this residual gives."""

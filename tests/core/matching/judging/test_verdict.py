@@ -84,7 +84,6 @@ def test_matched_functions_need_no_advice():
     assert not hardly_moved(problem, seen[-1].advected.T)
 
 
-@settings(deadline=None)
 @given(mismatches=st.lists(st.tuples(SHARE, SHARE | st.just(np.nan)), min_size=2, max_size=2))
 def test_outcome_depends_on_the_larger_residual(mismatches):
     problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
@@ -374,7 +373,7 @@ def test_remedy_changes_only_different_parameters():
     assert remedies(Parameters.of(method="linearised")).finer_mesh() is None
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.builds(
         Parameters.of,

@@ -29,7 +29,7 @@ def moved(mesh, rotation, scale=1.0, side=1):
     return TriangleMesh(vertices, mesh.faces[:, ::side])
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=8, derandomize=True)
 @given(
     turn=st.tuples(*[st.floats(-3, 3)] * 3),
     scale=st.floats(1e-3, 1e3),

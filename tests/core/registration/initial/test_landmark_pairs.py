@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -148,9 +148,7 @@ def test_other_and_missing_files_are_refused(read, tmp_path):
         read_landmarks(A, B, str(tmp_path / "none.csv"))
 
 
-@settings(
-    deadline=None, max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=200)
 @given(text=st.text(alphabet="0123456789.,;-e\t\n \"'#nax", max_size=40))
 def test_any_text_is_read_or_refused(read, text):
     with suppress(AbfmError):
@@ -175,7 +173,6 @@ def test_landmarks_from_vertices_and_points():
     weight=st.floats(1e-6, 1e6),
     names=st.lists(st.text("abc ,\"';é", min_size=1, max_size=4), min_size=6, max_size=6),
 )
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_saved_landmarks_round_trip(tmp_path, vertices, weight, names):
     given = Landmarks.of_vertices(A, B, vertices, vertices[::-1])
     stripped = tuple(name.strip() or "x" for name in names[: len(vertices)])

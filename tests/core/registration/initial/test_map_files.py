@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -118,9 +118,7 @@ def test_weights_of_flipped_faces_are_refused(tmp_path):
         map_from_file(flipped, B, saved(tmp_path / "m.txt", table(0, 1)))
 
 
-@settings(
-    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=100)
 @given(rows=st.lists(st.floats(width=32), min_size=1, max_size=50), columns=st.integers(1, 5))
 def test_any_numbers_are_read_or_refused(tmp_path, rows, columns):
     path = saved(tmp_path / "m.npy", np.resize(rows, (FEW, columns)))
