@@ -68,7 +68,7 @@ def _xml(chance):
 
 
 def _repeated_arrays(chance):
-    """Name the same appended bytes, or the same file, very often."""
+    """Return a file that refers to the same appended bytes, or the same file, very often."""
     points, values = MESH.on_file(MESH.vertices, 9.0), {"u": MESH.on_file(X, 0.0)}
     first, other = (vtk_bytes(points, values, "base64", time=time) for time in (1.0, 2.0))
     field = first[first.index(b"<FieldData>") + 11 : first.index(b"</FieldData>")]
@@ -81,7 +81,7 @@ def _repeated_arrays(chance):
 
 
 def _packed(chance):
-    """Compress gigabytes of one byte into a few kilobytes."""
+    """Return gigabytes of one byte, compressed into a few kilobytes."""
     if chance.random() < 0.3:
         data = base64.b64encode(bomb(chance.choice((1 << 20, 1 << 30)))).decode()
         return _gifti(_POINTS.format(42, "GZipBase64Binary", "", data), chance=chance)
@@ -92,7 +92,7 @@ def _packed(chance):
 
 
 def _lines(chance):
-    """Repeat a line, a word or a digit a million times."""
+    """Return a line, a word or a digit that is repeated a million times."""
     name = chance.choice(("a.off", "a.obj", "a.csv", "a.txt", "a.vts"))
     text = {"a.off": _OFF, "a.obj": _OBJ}.get(name, "1\n" * COUNT)
     reader = "mesh" if name in ("a.off", "a.obj") else chance.choice(("values", "map", "frames"))
@@ -104,7 +104,7 @@ def _lines(chance):
 
 
 def _zips(chance):
-    """Expand, overlap or repeat members of results and projects."""
+    """Return a result or project whose members expand, overlap or repeat."""
     specimen = specimens()[chance.choice(("result.npz", "plain.abfm", "rich.abfm"))]
     file, act = io.BytesIO(specimen.content), chance.randrange(3)
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
@@ -123,7 +123,7 @@ def _zips(chance):
 
 
 def _words_of_batch(chance):
-    """Write control characters, formulas and foreign paths into a folder of results."""
+    """Return a folder of results with control characters, formulas and foreign paths."""
     names = [n for n, s in specimens().items() if s.reader == "batch" and n.endswith(".json")]
     specimen = specimens()[chance.choice(names)]
     tree = json.loads(specimen.content)

@@ -67,7 +67,7 @@ class Monkey(ExitStack):
         self._fault(f"a thread: {raised.exc_type.__name__}: {raised.exc_value}")
 
     def attempt(self, chance):
-        """Make one sequence."""
+        """Make one sequence of random actions."""
         begin, self._faults = time.process_time(), {}
         self._settle()
         self.gui.session.reset_history()

@@ -55,7 +55,7 @@ def test_operators_are_projections_of_full_ones():
 
 
 def test_energy_and_gradient():
-    """They agree with the definition and a Taylor test; on overflow the energy is infinite."""
+    """The energy agrees with its definition, is infinite on overflow, and has an exact gradient."""
     energy, (a, direction) = problem()
     difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target
     laplacian = hodge_basis(energy.mesh, 4)[0]

@@ -140,7 +140,7 @@ def test_hodge_spectrum_combines_two_scalar_spectra(mesh):
 
 
 def test_function_norm_is_the_integral(mesh):
-    """It is ``int w f^2 + beta w |grad f|^2``; a face has the least weight of its corners."""
+    """Squared: ``int w f^2 + beta w |grad f|^2``; a face has the least weight of its corners."""
     f, w = surfaces.random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
     squared_slope = ((op.gradient(mesh) @ f).reshape(-1, 2) ** 2).sum(axis=1)
     for weight, at_vertices, at_faces in ((None, 1.0, 1.0), (w, w, w[mesh.faces].min(axis=1))):
@@ -293,7 +293,7 @@ def test_hodge_eigenvalues_of_the_unit_sphere(part):
 
 
 def test_hodge_eigenvalues_of_the_unit_square():
-    """With ``v . n = 0``, two eigenvalues are pi^2 and two 2 pi^2, with order 2."""
+    """Fields tangent to the sides have the eigenvalues pi^2, pi^2, 2 pi^2, 2 pi^2, with order 2."""
     errors = []
     for n in (8, 16, 32):
         curl_free, divergence_free = (lowest(*part, 4) for part in hodge_parts(square(n)))

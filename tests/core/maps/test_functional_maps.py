@@ -48,7 +48,10 @@ def test_isometries_have_diagonal_maps(isometric):
 
 @pytest.mark.parametrize("rows", [25, 12])
 def test_point_map_of_an_isometry_is_recovered(isometric, rows):
-    """The point map is exact, also from fewer rows; the adjoint would give wrong vertices."""
+    """The point map of an isometry is exact, also by fewer rows of its functional map.
+
+    The adjoint of the functional map would lead to wrong vertices.
+    """
     a, b, truth = isometric
     found = point_map(a, b, functional_map(truth, 25)[:rows])
     assert_array_equal(found.positions, truth.positions)
@@ -83,7 +86,7 @@ POSES = [load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB"]
 
 @pytest.mark.parametrize("few", [8, 20])
 def test_zoom_out_finds_the_map_between_poses(few):
-    """Mean errors, in sqrt(area), begin at 0.0288 and 0.0126.
+    """Mean errors fall from 0.0288 and 0.0126 to below 0.002 sqrt(area).
 
     By the adjoint they would fall to 0.0105 and 0.0086 only.
     """
@@ -93,9 +96,9 @@ def test_zoom_out_finds_the_map_between_poses(few):
 
 @pytest.mark.parametrize(("finer", "expected"), [("source", 0.012), ("target", 0.02)])
 def test_zoom_out_between_different_triangulations(finer, expected):
-    """By the adjoint, mean errors would be 0.0303 and 0.0270 sqrt(area).
+    """Errors are below 0.012 (finer source) and 0.02 sqrt(area) (finer target).
 
-    The coarse source has an error of at least 0.0117.
+    By the adjoint they would be 0.0303 and 0.0270. A coarse source gives at least 0.0117.
     """
     a, b = POSES
     if finer == "source":

@@ -303,7 +303,7 @@ def test_flow_line_residual_equals_the_verification(mesh):
 
 
 def test_schedule_of_the_paper():
-    """Its stages differ only in sigma, in either unit, with the norm of order 1."""
+    """The stages of the paper differ only in sigma, in either unit, with the norm of order 1."""
     p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
     )

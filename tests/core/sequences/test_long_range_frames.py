@@ -44,7 +44,7 @@ class RotatedPattern:
         self.solver.fields[0] = rotation(mesh, 20)
 
     def found(self, monkeypatch, from_no_motion):
-        """Solve if the previous field stops and the long-range search rotates forward."""
+        """Solve; without a start the field is the given one, in the search `on`, else `still`."""
         patch = monkeypatch.setattr
         patch(
             Interval,

@@ -120,7 +120,11 @@ def test_masked_places_are_not_determined():
 
 
 def test_integrals_equal_those_of_the_plane():
-    """Of one interval with norm 1: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
+    """The number of determined modes and the scatter equal integrals over modes of the plane.
+
+    For one interval, the norm of order 1, data of precision d, and K = 4 pi V, these are ``d /
+    (4 pi) log((1 + K + d) / (1 + d))`` and ``d / (4 pi) (1 / (1 + d) - 1 / (1 + K + d))``.
+    """
     found = replace(solved()[0], gamma=0.0)
     integrals, k = _Integrals.of(found), 4 * np.pi * len(SPHERE.vertices)
     for d in (1e-9, 0.3, 50.0, 1e7):
@@ -131,7 +135,7 @@ def test_integrals_equal_those_of_the_plane():
 
 
 def test_shares_equal_those_of_the_linear_problem():
-    """The integral of ``tr D`` over the surface is that of the data term's second derivative."""
+    """The integral of ``tr D`` over the surface is ``int |grad f|^2 / sigma^2``."""
     found = solved()[0]
     eigenvalues, _ = _data_tensors(found, np.arange(len(found)))
     areas = face_areas(SPHERE.normalized())

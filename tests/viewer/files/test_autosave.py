@@ -197,7 +197,8 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
     [recovery] = recoverable(StateFolder(tmp_path))
     assert recovery.path == leftover
     assert recovery.written == pytest.approx(time.time(), abs=60)
-    age(current, 1000)  # without a heartbeat for so long, it is gone, whatever has its number now
+    # without a heartbeat the process has ended, even if another one has its number
+    age(current, 1000)
     assert [found.path for found in recoverable(StateFolder(tmp_path))] == [leftover, current]
     recovery.discard()
     recovery.discard()

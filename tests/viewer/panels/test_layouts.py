@@ -235,7 +235,7 @@ def test_no_widget_or_text_covers_another(layouts):
 
 
 def test_verdicts_are_never_clipped(layouts):
-    """At any size and scale the state wraps and is as high as its text."""
+    """At any size and scale, the sentences of a verdict wrap and stay inside their panel."""
     facts = longest()
     expected = {short_headline(facts), facts.reason, *facts.warnings, f"advice: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):

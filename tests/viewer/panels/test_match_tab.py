@@ -40,7 +40,7 @@ def test_stages_and_finer_meshes_have_separate_lines(marked, stages, meshes):
 
 
 def test_smallest_residual_decreases_until_a_change():
-    """It never rises before a change; unknown residuals are computed from the energy."""
+    """The curve never rises before a change; unknown residuals are computed from the energy."""
     record = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
     record = replace(record, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
     assert list(record.best_residuals) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]

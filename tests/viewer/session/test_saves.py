@@ -47,9 +47,8 @@ def test_parts_missing_in_a_sequence_file_are_unsaved(sequence_session, tmp_path
     export(sequence_session, tmp_path / "sequence.npz")
     sequence_session.editor.set_sequence_settings(gamma=3.0)
     assert sequence_session.saves.changes(sequence_session.document) == ("settings",)
-    sequence_session.saves.record_export(
-        sequence_session.document
-    )  # with the settings of the fields
+    # the file has the settings of the fields, not the changed ones
+    sequence_session.saves.record_export(sequence_session.document)
     assert sequence_session.saves.changes(sequence_session.document) == ("settings",)
     sequence_session.undo()
     sequence_session.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))

@@ -73,7 +73,7 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     assert np.average(deviation**2, weights=areas) == pytest.approx(1)
     pair.match()
     assert pair.parameters == MEASURED_PARAMETERS
-    check_message(pair.notices.latest.text)  # of the parameters that were set
+    check_message(pair.notices.latest.text)  # the message lists the parameters that were set
     pair.solver.cancel()
     until(lambda: not pair.solver.running, pair)
 

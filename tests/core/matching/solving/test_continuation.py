@@ -338,7 +338,7 @@ def test_refined_match_is_a_match_of_the_mesh():
 
 
 def test_resolved_functions_are_rarely_refined():
-    """They are refined only if flow lines alone have a large residual and a flow can match them."""
+    """Functions are refined if flow lines alone have a large residual, but could match them."""
 
     def resolved(f, g, mismatch, verified):
         energy = MatchingEnergy(SPHERE, f, g, Parameters())

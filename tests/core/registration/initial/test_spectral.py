@@ -133,7 +133,7 @@ def test_symmetric_bodies_have_two_equal_maps():
 
 def test_search_finds_compositions_with_symmetries():
     spectra = Spectra.of(TURNED, TURNED, 30, 300)
-    found = candidates(spectra, [], 4)  # and two that nearly reverse the orientation
+    found = candidates(spectra, [], 4)  # two of them nearly reverse the orientation
     for truth in (np.arange(len(TURNED.vertices)), HALF_TURN):
         expected = functional_map(PointMap.of_vertices(TURNED, TURNED, truth), 24)
         assert min(np.linalg.norm(C - expected) for C in found) < 0.15 * np.linalg.norm(expected)
