@@ -55,7 +55,7 @@ def test_flows_and_textures_have_their_sizes():
     assert 0.5 < min(moved) <= max(moved) < 1.1
 
 
-def test_distance_of_a_rotation():
+def test_distance_of_a_rotation_is_exact():
     angle = 0.1
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0]])
     turned = PointMap.project(BALL, BALL, BALL.vertices @ np.vstack([turn, [0, 0, 1]]).T)

@@ -122,7 +122,7 @@ def test_failures_are_recorded(tmp_path):
     assert not record["confirmed"]
 
 
-def test_only_solvable_problems(tmp_path):
+def test_only_solvable_problems_are_solved(tmp_path):
     changes = {"count": 9, "folder": tmp_path}
     every, some = ([row["problem"] for row in run(only, **changes)["rows"]] for only in (0, 1))
     assert some == [problem for problem in every if problem["solvable"]]

@@ -12,7 +12,7 @@ from tests.messages import raises
 from tests.shapes import icosphere, open_cylinder
 
 
-def test_linear_blend():
+def test_linear_blend_interpolates_in_time():
     f, g = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[5.0, 2.0], [0.0, -4.0]])
     assert_array_equal(linear_blend(f, g, 0.0, 2.0), f)
     assert_array_equal(linear_blend(f, g, 2.0, 2.0), g)
@@ -82,7 +82,7 @@ def test_mass_is_linear_in_time():
         assert_allclose(found @ areas, (1 - times) * (areas @ f) + times * (areas @ g), rtol=1e-10)
 
 
-def test_scaling_and_reversal():
+def test_scaling_and_reversal_commute_with_transport():
     f, g, times = bump(P), 2 * bump(Q, 0.5), [0.25, 0.6]
     forward = optimal_transport(SPHERE, f, g, times)
     assert_allclose(optimal_transport(SPHERE, g, f, [0.75, 0.4]), forward, rtol=1e-10)

@@ -54,7 +54,7 @@ def test_operators_are_projections_of_full_ones():
     assert_allclose(np.tensordot(a, energy.operators, 1), expected, atol=1e-12)
 
 
-def test_energy_and_gradient():
+def test_energy_and_gradient_agree_with_definition():
     """The energy agrees with its definition, is infinite on overflow, and has an exact gradient."""
     energy, (a, direction) = problem()
     difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target

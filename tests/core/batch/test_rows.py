@@ -162,7 +162,7 @@ def test_problem_from_python_is_written_once(tmp_path):
     assert problem_row(problem, tmp_path, max_distortion=1.5).digest != problem.digest
 
 
-def test_problem_row_in_a_relative_folder(tmp_path, monkeypatch):
+def test_problem_row_works_in_a_relative_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     problem = abfm.Problem(EIGHT, "coordinate:x", "coordinate:y")
     for folder in ("results", "~/results"):

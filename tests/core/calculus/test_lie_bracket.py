@@ -104,7 +104,7 @@ def test_jacobi_identity_has_order_one():
     assert last_order(errors) == pytest.approx(1, abs=0.1)
 
 
-def test_brackets_of_affine_fields_in_the_plane():
+def test_affine_fields_in_the_plane_have_exact_brackets():
     """Away from the boundary, ``[d/dx, (x - y) d/dx + x d/dy] = d/dx + d/dy``."""
     errors = []
     for n in (8, 16, 32):
@@ -118,7 +118,7 @@ def test_brackets_of_affine_fields_in_the_plane():
     assert last_order(errors) > 0.9
 
 
-def test_rotations_of_the_sphere():
+def test_brackets_of_rotations_are_rotations():
     """``[R_x, R_y] = -R_z`` by Eq. 10: minus the rotation about the cross product of the axes."""
     errors, weak = [], []
     for mesh in SPHERES:
@@ -216,7 +216,7 @@ def test_exponential_equals_dense_exponential_of_scipy(t):
     near(exponential_action(RANDOM, X, t), expected, 1e-12 * abs(expected).max())
 
 
-def test_exponentials_of_special_matrices():
+def test_exponentials_of_special_matrices_are_exact():
     """Exponentials are exact for a rotation by 100 rad (25 steps), nilpotent and zero matrices."""
     turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
     found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)

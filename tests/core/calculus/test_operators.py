@@ -161,7 +161,7 @@ def test_vector_norm_is_the_integral(mesh):
     assert v @ (op.vector_norm_matrix(mesh, 0.3) @ v) == pytest.approx(expected)
 
 
-def test_l2_norm_of_channels_and_masks():
+def test_l2_norm_uses_channels_and_masks():
     mesh = square(4)
     f = np.tile([3.0, 4.0], (len(mesh.vertices), 1))
     assert op.l2_norm(mesh, f[:, 0]) == pytest.approx(3)
@@ -279,7 +279,7 @@ def hodge_parts(mesh):
 
 
 @pytest.mark.parametrize("part", [0, 1], ids=["curl-free", "divergence-free"])
-def test_hodge_eigenvalues_of_the_unit_sphere(part):
+def test_hodge_eigenvalues_of_the_unit_sphere_converge(part):
     """Both Hodge parts have eigenvalues 2, 6, 12 of multiplicity 3, 5, 7, with order 2."""
     answer = np.repeat([2, 6, 12], [3, 5, 7])
     errors = []
@@ -292,7 +292,7 @@ def test_hodge_eigenvalues_of_the_unit_sphere(part):
     assert surfaces.last_order([error.max() for error in errors]) == pytest.approx(2, abs=0.05)
 
 
-def test_hodge_eigenvalues_of_the_unit_square():
+def test_hodge_eigenvalues_of_the_unit_square_converge():
     """Fields tangent to the sides have the eigenvalues pi^2, pi^2, 2 pi^2, 2 pi^2, with order 2."""
     errors = []
     for n in (8, 16, 32):

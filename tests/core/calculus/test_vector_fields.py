@@ -26,7 +26,7 @@ def close(actual, expected, scale=1.0):
     near(actual, expected, 1e-12 * scale)
 
 
-def test_frame_coefficients_of_several_fields_at_once(mesh):
+def test_frame_coefficients_represent_tangential_parts(mesh):
     """Coefficients in frames represent the tangential parts of several fields in space."""
     fields = np.random.default_rng(0).normal(size=(3, len(mesh.faces), 3))
     coefficients = vf.to_frame(mesh, fields)
@@ -152,7 +152,7 @@ def test_harmonic_parts_span_one_dimension_per_loop(name):
     assert (sizes > 1e-9 * np.sqrt(len(mesh.faces))).sum() == surfaces.LOOPS.get(name, 0)
 
 
-def test_parts_of_gradient_and_rotation_on_the_sphere():
+def test_gradient_and_rotation_are_separated_on_the_sphere():
     """The gradient part and the rotation part of a sum are recovered with order 1."""
     errors = []
     for level in (2, 3, 4):
@@ -167,7 +167,7 @@ def test_parts_of_gradient_and_rotation_on_the_sphere():
     assert (surfaces.last_order(errors) > 0.9).all()
 
 
-def test_harmonic_fields_of_the_torus():
+def test_harmonic_fields_of_the_torus_converge():
     """The fields ``ring^-2 d/du`` and ``ring^-1 d/dv`` converge to zero divergence and curl."""
     errors = []
     for mesh in exact.refined(3):

@@ -102,7 +102,7 @@ class TestFigure7:
         assert turn < 0.5
         assert rise < 1.5
 
-    def test_smoothness_of_straight_and_bent_paths(self):
+    def test_straight_paths_are_smoother_than_bent_ones(self):
         path = np.array([self.x + t * (self.y - self.x) for t in np.linspace(0, 1, 6)])
         length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
         assert (length, step, rise) == pytest.approx((1, 1, 1))
@@ -150,7 +150,7 @@ class TestFigure8:
 
 
 @pytest.mark.parametrize("figure", [4, 7, 8])
-def test_figures_on_a_mesh_with_boundary(figure):
+def test_figures_accept_a_mesh_with_boundary(figure):
     assert run(figure, open_cylinder(24, 12))[1].measures
 
 

@@ -130,7 +130,7 @@ def reference_state(mesh, fields, f, tau, method, t):
 
 @pytest.mark.parametrize(("method", "within"), [("nonlinear", 1e-8), ("linearised", 1e-12)])
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_times_inside_after_and_before_the_fields(method, within, count):
+def test_times_may_be_before_or_after_the_fields(method, within, count):
     """N fields share the time tau equally; outside of it the first or last one continues."""
     fields = 0.2 * np.stack([wavy_field(UNIT, seed) for seed in range(count)])
     frames, f = to_frame(UNIT, fields), bump(UNIT, UNIT.vertices[0], 0.2)[:, None] ** [1, 2]

@@ -116,7 +116,7 @@ def test_vertices_inside_subdivided_slivers_are_joined():
 
 @settings(max_examples=15)
 @given(gap=st.floats(1e-4, 0.1), count=st.integers(1, 5), seed=st.integers(0, 2**20))
-def test_clusters_of_random_slivers(gap, count, seed):
+def test_clusters_of_random_slivers_are_valid(gap, count, seed):
     mesh = knotted(icosphere(3), count, gap, seed)
     check_partition(mesh)
     median = np.median(cluster_rates(mesh, vertex_clusters(mesh)))

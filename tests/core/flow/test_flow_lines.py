@@ -56,7 +56,7 @@ def strip(left, right):
     return mesh, np.array([left, right], dtype=float)
 
 
-def test_constant_field_on_a_plane():
+def test_constant_field_moves_points_along_straight_lines():
     mesh, velocity = square(8), np.array([0.7, -0.4, 0])
     lines = flow_lines(mesh, constant(mesh, velocity), random_start(mesh, 50), 0.3)
     for line in lines:
@@ -211,7 +211,7 @@ def test_lines_end_at_the_boundary():
     near(ends(lines)[:, 2], 0, 1e-13)
 
 
-def test_zero_fields_and_very_long_lines(monkeypatch):
+def test_zero_fields_and_very_long_lines_end(monkeypatch):
     mesh = icosphere(1)
     for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
         assert line.ending == "stagnation"

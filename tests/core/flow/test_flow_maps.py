@@ -87,7 +87,7 @@ MATRICES = [[[-1, 0], [0, -1]], [[-1, 0], [0, -2]], [[-1, 0.8], [0, -1]], [[-0.5
 
 
 @pytest.mark.parametrize("matrix", MATRICES)
-def test_distortion_of_linear_flows_of_the_plane(matrix):
+def test_distortion_of_linear_flows_is_exact(matrix):
     """Distortion of linear flows is exact; they lead inwards, so that lines stay inside."""
     largest, smallest = np.linalg.svd(expm(np.array(matrix)), compute_uv=False)
     exact, errors = np.log2([largest * smallest, largest / smallest]), []

@@ -55,7 +55,7 @@ def write_text(path, header, delimiter, columns):
     np.savetxt(path, table, delimiter=delimiter, header=header, comments="", fmt="%.17g")
 
 
-def test_one_column_from_every_format(tmp_path):
+def test_one_column_is_read_from_every_format(tmp_path):
     np.save(tmp_path / "a.npy", VALUES)
     write_text(tmp_path / "a.txt", "", " ", [VALUES])
     write_text(tmp_path / "a.csv", "thickness", ",", [VALUES])
@@ -83,7 +83,7 @@ def test_columns_by_name_and_by_number(tmp_path, delimiter):
             function(MESH, f'file:"{path}"{options}')
 
 
-def test_columns_of_arrays_and_gifti(tmp_path):
+def test_columns_of_arrays_and_gifti_are_chosen(tmp_path):
     np.save(tmp_path / "a.npy", np.column_stack([VALUES, 2 * VALUES]).astype(">f4"))
     write_gifti(tmp_path / "a.gii", [VALUES, 2 * VALUES])
     for name in ("a.npy", "a.gii"):

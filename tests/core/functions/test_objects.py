@@ -139,7 +139,7 @@ PLACED = {
 
 
 @pytest.mark.parametrize(("given", "expected"), PLACED.values(), ids=PLACED)
-def test_values_of_objects(given, expected):
+def test_values_of_objects_are_read(given, expected):
     found = as_values(BALL, given)
     assert found.shape == np.shape(expected)
     assert_allclose(found, expected, atol=1e-6)
@@ -283,7 +283,7 @@ def image(kind, step=0, unit=None):
         (image(nibabel.Nifti1Image, 500), [0, 1, 2]),
     ],
 )
-def test_frames_of_objects(given, times):
+def test_frames_of_objects_are_read(given, times):
     read = frames_of(given, BALL)
     found = check_frames(BALL, read.values, read.times, None, None)
     assert_allclose(found.values[:, :, 0], FRAMES, atol=1e-6)

@@ -180,7 +180,7 @@ def test_two_scalings_are_combined():
     np.testing.assert_array_equal(function(MESH, str(twice)), twice.evaluate(MESH))
 
 
-def test_sum_of_functions():
+def test_sum_of_functions_is_evaluated():
     mesh = icosphere(2)
     total = function(mesh, "coordinate:z + (expression:x*y) + eigenfunction:0")
     x, y, z = mesh.vertices.T
@@ -295,7 +295,7 @@ ATTACKS = (
 
 
 @pytest.mark.parametrize("formula", FORMULAS)
-def test_values_of_formulas(formula):
+def test_formulas_have_their_values(formula):
     found = function(MESH, f"expression:{formula}")
     assert_allclose(found, FORMULAS[formula], rtol=1e-14, atol=1e-14)
 

@@ -177,7 +177,7 @@ def test_comment_above_numbers_names_the_columns(tmp_path):
     assert_array_equal(value_of(tmp_path / "a.txt"), VALUES)
 
 
-def test_columns_with_vertices_in_python():
+def test_columns_set_values_of_their_vertices():
     """Columns with vertex numbers set the values of these vertices; others are NaN."""
     found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
     assert_array_equal(found.values[:, 0], SPARSE)
@@ -231,7 +231,7 @@ def test_arrays_are_chosen_by_name(tmp_path):
     assert_array_equal(read_frames(tmp_path / "a.mat", MESH, "field").times, [0, 1])
 
 
-def test_values_of_ply_files(tmp_path):
+def test_values_of_ply_files_are_read(tmp_path):
     faces = [f"3 {a} {b} {c}" for a, b, c in MESH.faces.tolist()]
     points = [
         f"{x!r} {y!r} {z!r} {v!r}"
@@ -320,7 +320,7 @@ def test_annotation_without_table_keeps_its_numbers(tmp_path):
     assert_array_equal(value_of(tmp_path / "lh.a.annot", f",label={0x1405DC}"), colors == 0x1405DC)
 
 
-def test_old_values_and_texts_of_freesurfer(tmp_path):
+def test_old_values_and_texts_of_freesurfer_are_read(tmp_path):
     hundredths = np.round(100 * VALUES).astype(">i2")
     head = COUNT.to_bytes(3, "big") + (80).to_bytes(3, "big")
     (tmp_path / "lh.curv").write_bytes(head + hundredths.tobytes())
@@ -389,7 +389,7 @@ def test_files_without_values_are_refused(tmp_path):
 
 @pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
 @pytest.mark.parametrize("shape", [(COUNT, 1, 1), (COUNT // 6, 1, 6), (COUNT, 1, 1, 2)])
-def test_values_in_images_of_freesurfer(tmp_path, kind, shape):
+def test_values_in_images_of_freesurfer_are_read(tmp_path, kind, shape):
     size = int(np.prod(shape))
     image = kind(np.resize(VALUES, size).astype(np.float32).reshape(shape, order="F"), np.eye(4))
     if size > COUNT:
@@ -474,7 +474,7 @@ def test_merged_vertices_have_the_first_value(tmp_path):
     assert found.values[0, 0] == 1.0
 
 
-def test_columns_of_a_table_without_a_mesh(tmp_path):
+def test_columns_of_a_table_need_no_mesh(tmp_path):
     path = table(tmp_path / "a.csv", "vertex,v\n1,2.5\n0,3.5\n")
     assert read_values(path).names == ("vertex", "v")
     assert_allclose(read_column(path, "v"), [2.5, 3.5])

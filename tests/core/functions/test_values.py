@@ -21,7 +21,7 @@ from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedr
 
 
 @pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])
-def test_geodesic_distance_on_the_sphere(subdivisions, error):
+def test_geodesic_distance_on_the_sphere_is_an_angle(subdivisions, error):
     mesh = icosphere(subdivisions, radius=3.0)
     d = geodesic_distance(mesh, [7])
     exact = 3 * np.arccos(np.clip(mesh.vertices @ mesh.vertices[7] / 9, -1, 1))
@@ -29,7 +29,7 @@ def test_geodesic_distance_on_the_sphere(subdivisions, error):
     assert np.abs(d - exact).max() < 3 * error
 
 
-def test_geodesic_function_on_a_rhombus():
+def test_geodesic_function_is_exact_on_a_rhombus():
     """Distances in a plane rhombus are exact, whereas the heat method gives 1.514 and 2.717."""
     corners = [[0.0, 1, 0], [3, 0, 0], [0, -1, 0], [-3, 0, 0]]
     rhombus = TriangleMesh(corners, [[0, 2, 1], [0, 3, 2]])
@@ -52,7 +52,7 @@ def test_geodesic_function_is_exact():
     assert_allclose(found[:, ends], found[:, ends].T, rtol=1e-12)
 
 
-def test_geodesic_function_by_heat():
+def test_geodesic_function_uses_the_heat_method_if_needed():
     """Large meshes, pinched vertices and thin triangles (endless if exact) use the heat method."""
     flat = square(24)
     thin = TriangleMesh(flat.vertices * [1, 1e-5, 1], flat.faces)
@@ -69,7 +69,7 @@ def test_geodesic_distance_approximates_shortest_paths():
     assert_allclose(geodesic_distance(mesh, [10])[targets], lengths, atol=0.04 * mesh.length_scale)
 
 
-def test_geodesic_distance_to_several_vertices():
+def test_geodesic_distance_is_to_the_nearest_vertex():
     mesh = icosphere(3)
     distances = [function(mesh, f"geodesic:vertex={vertex}") for vertex in (3, 50, 200)]
     assert_allclose(
@@ -90,7 +90,7 @@ def test_invalid_sources_are_refused(source):
         geodesic_distance(icosphere(1), [])
 
 
-def test_geodesic_distance_at_boundary_and_pinch():
+def test_geodesic_distance_crosses_pinched_vertices():
     flat = square(24)
     corner = function(flat, "geodesic:vertex=0")
     assert_allclose(corner, np.linalg.norm(flat.vertices - flat.vertices[0], axis=1), atol=1e-12)
@@ -117,7 +117,7 @@ def test_vertex_numbers_are_those_of_the_file():
         function(mesh, "gaussian:vertex=5")
 
 
-def test_gaussian_on_the_sphere():
+def test_gaussian_on_the_sphere_has_its_width():
     mesh = icosphere(5, radius=2.0)
     angle = np.arccos(np.clip(mesh.vertices @ mesh.vertices[0] / 4, -1, 1))
     d = angle / np.sqrt(4 * np.pi)  # fraction of sqrt(area), whatever the radius
@@ -146,7 +146,7 @@ def test_indicator_of_a_disc_has_the_area_of_the_cap():
     assert_allclose(vertex_areas(mesh) @ f, 2 * np.pi * (1 - np.cos(angle)), rtol=0.03)
 
 
-def test_indicator_of_half_spaces_and_slabs():
+def test_indicator_is_one_in_half_spaces_and_slabs():
     mesh = icosphere(3, radius=2.0)
     y = mesh.vertices[:, 1]
     assert_array_equal(function(mesh, "indicator:axis=y,above=0.2"), y > 0.2)
@@ -162,7 +162,7 @@ def test_curvature_of_the_sphere_converges_with_order_2(curvature, power):
     assert np.log2(errors[0] / errors[1]) > 1.9
 
 
-def test_curvature_of_the_torus():
+def test_curvature_of_the_torus_is_accurate():
     mesh = torus(96, 48, R=1.0, r=0.4)
     v = np.tile(2 * np.pi * np.arange(48) / 48, 96)
     gaussian = np.cos(v) / (0.4 * (1 + 0.4 * np.cos(v)))
@@ -181,7 +181,7 @@ def test_curvature_at_a_boundary_is_extended():
 
 
 @pytest.mark.parametrize("name", ["eight", "human_A", "fandisk"])
-def test_gauss_bonnet_and_total_mixed_area(name):
+def test_gauss_bonnet_holds_and_mixed_areas_add_up(name):
     mesh = load_mesh(asset_path(f"{name}.off"))
     areas = mixed_areas(mesh)
     assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
@@ -198,7 +198,7 @@ def cone_mean(length, widest):
     return float(np.average(length(angles)[kept], weights=1 / angles[kept]))
 
 
-def test_shape_diameter_of_the_sphere_and_of_a_plate():
+def test_shape_diameter_is_the_thickness():
     # beyond 45 degrees, hits are within 90 degrees of the normal
     exact = cone_mean(lambda angle: 2 * 3.0 * np.cos(angle), np.pi / 4)
     assert_allclose(exact / 3, 1.717, atol=1e-3)
@@ -271,7 +271,7 @@ def test_eigenfunctions_are_scaled_and_signed():
         assert vertex_areas(mesh) @ function(mesh, f"eigenfunction:{index}") ** 3 > -1e-6
 
 
-def test_sign_of_an_odd_eigenfunction():
+def test_first_large_value_of_an_eigenfunction_is_positive():
     """An eigenfunction is positive at the first vertex at which it has a large value."""
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
@@ -318,7 +318,7 @@ def squared_modes(x):
     return np.where(MODES > 0, 2, 1)[:, None] * np.cos(np.pi * MODES[:, None] * x) ** 2
 
 
-def test_signatures_of_the_square():
+def test_signatures_of_the_square_are_exact():
     mesh = square(40)
     weights = np.exp(-(np.pi**2) * MODES**2 * 0.02)
     x, y, _ = mesh.vertices.T

@@ -289,7 +289,7 @@ def test_parameters_out_of_range_are_refused(name, value):
 @pytest.mark.parametrize("weight", [1e-30, 1e30])
 @pytest.mark.parametrize("size", [VALUE_MIN, VALUE_MAX])
 @pytest.mark.parametrize("sigma", [1e-30, 1e30])
-def test_extreme_units_together(sigma, size, weight, unit):
+def test_extreme_units_may_be_combined(sigma, size, weight, unit):
     f, g = (0.99 * size * h / F.max() if size == VALUE_MAX else 2 * size * h for h in (F, G))
     p = Parameters.of(iterations=2, sigma=sigma, sigma_unit=unit)
     mask = np.full(len(FLAT), weight)

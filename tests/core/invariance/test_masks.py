@@ -50,7 +50,7 @@ def matched():
 
 
 @pytest.mark.parametrize("kind", REPLACEMENTS)
-def test_match(matched, kind):
+def test_match_ignores_values_below_the_mask(matched, kind):
     assert_same(matched, abfm.match(MESH, spoiled(F, kind), spoiled(G, kind), BRIEF, mask=MASK))
 
 
@@ -87,7 +87,7 @@ def test_hidden_values_are_harmonic():
 
 
 @pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
-def test_register(kind):
+def test_registration_ignores_values_below_the_mask(kind):
     """Values below a mask change no bit of a registration: those on A, then those on B."""
     rough = F + noise(0.1, 1), G + noise(0.1, 2)
     given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}

@@ -33,7 +33,7 @@ def assert_alike(found, expected, tolerance):
 
 @examples(12)
 @given(name=BY_NAME, move=MOVES)
-def test_operators_and_fields(name, move):
+def test_operators_and_fields_move_with_the_mesh(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     x, y, _ = mesh.vertices.T / mesh.length_scale
     f, v, u = np.sin(3 * x) + y, wavy_field(mesh, 1), wavy_field(mesh, 2)
@@ -71,7 +71,7 @@ def test_operators_and_fields(name, move):
 
 @examples(8)
 @given(name=BY_NAME, move=MOVES)
-def test_flows(name, move):
+def test_flows_move_with_the_mesh(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, v = bump(mesh, mesh.vertices[3], 0.3), 0.2 * wavy_field(mesh, 1)
     h, w = move.function(mesh, f), move.field(mesh, v)
@@ -110,7 +110,7 @@ def ends_of(lines):
 
 @examples(6)
 @given(name=BY_NAME, move=MOVES)
-def test_distances_heat_and_eigenfunctions(name, move):
+def test_distances_and_eigenfunctions_move_with_the_mesh(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     old = move.numbers(mesh)[0]
     place = int(np.flatnonzero(old == 7)[0])
@@ -136,7 +136,7 @@ def test_distances_heat_and_eigenfunctions(name, move):
 
 @given(move=MOVES)
 @examples(3)
-def test_eigenspaces_of_several_dimensions(move):
+def test_eigenspaces_move_with_the_mesh(move):
     """On a sphere the first three eigenfunctions are arbitrary, their sum of squares is not."""
     mesh = icosphere(2)
     spanned = [(op.eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
@@ -178,7 +178,7 @@ def test_functions_are_deterministic(spec):
 @pytest.mark.parametrize("spec", POWERS)
 @examples(4)
 @given(move=MOVES)
-def test_functions(spec, move):
+def test_functions_move_with_the_mesh(spec, move):
     mesh = FACE if "permuted" in spec else MESHES["potato"]
     power, tolerance = POWERS[spec]
     a, b = (int(np.flatnonzero(move.numbers(mesh)[0] == vertex)[0]) for vertex in (12, 31))
@@ -217,7 +217,7 @@ def test_shape_diameter_with_equal_edges(mesh, move):
 )
 @examples(3)
 @given(name=BY_NAME, move=MOVES)
-def test_matches(changes, name, move):
+def test_matches_move_with_the_mesh(changes, name, move):
     """Matches have few iterations, because rounding errors grow with each one."""
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[20], 0.3)

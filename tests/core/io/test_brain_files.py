@@ -119,7 +119,7 @@ def test_missing_values_round_trip(tmp_path):
         ("a.func.gii", None, "NIFTI_INTENT_NONE", None),
     ],
 )
-def test_gifti_intent_structure_and_precision(tmp_path, name, structure, intent, stored):
+def test_gifti_has_intent_structure_and_precision(tmp_path, name, structure, intent, stored):
     write_values(tmp_path / name, np.stack([VALUES, -VALUES], axis=1), structure)
     image = nibabel.load(tmp_path / name)
     expected = {"AnatomicalStructurePrimary": stored} if stored else {}

@@ -226,7 +226,7 @@ def test_files_of_other_computers_are_kept(tmp_path):
     assert sorted(os.listdir(tmp_path)) == sorted([*names, "m.npz"])
 
 
-def test_concurrent_writers_of_one_folder(tmp_path):
+def test_concurrent_writers_share_one_folder(tmp_path):
     def write(number):
         for _ in range(20):
             written(tmp_path / f"{number}.txt", str(number))
@@ -349,7 +349,7 @@ def test_invalid_data_are_refused(tmp_path, points, cells, named):
     assert os.listdir(tmp_path) == []
 
 
-def test_energy_table(tmp_path):
+def test_energy_table_has_a_row_for_each_iteration(tmp_path):
     history = np.random.default_rng(1).uniform(size=(3, 3)) ** 40
     export_energy_csv(tmp_path / "energy.csv", history, np.array([0, 0, 1]))
     with (tmp_path / "energy.csv").open(newline="") as file:

@@ -95,7 +95,7 @@ def test_zoom_out_finds_the_map_between_poses(few):
 
 
 @pytest.mark.parametrize(("finer", "expected"), [("source", 0.012), ("target", 0.02)])
-def test_zoom_out_between_different_triangulations(finer, expected):
+def test_zoom_out_works_between_different_triangulations(finer, expected):
     """Errors are below 0.012 (finer source) and 0.02 sqrt(area) (finer target).
 
     By the adjoint they would be 0.0303 and 0.0270. A coarse source gives at least 0.0117.
@@ -110,7 +110,7 @@ def test_zoom_out_between_different_triangulations(finer, expected):
     assert after < 0.5 * before
 
 
-def test_definition_by_the_pseudoinverse():
+def test_functional_map_equals_its_definition():
     a, b = icosphere(2), ellipsoid(2, 1, 1.5, 2)
     points = PointMap.project(b, a, np.random.default_rng(1).normal(size=b.vertices.shape))
     root = np.sqrt(vertex_areas(b))[:, None]

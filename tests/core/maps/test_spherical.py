@@ -45,7 +45,7 @@ def test_map_of_two_layouts_has_an_exact_inverse():
     assert np.abs(to_ball.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
 
 
-def test_directions_of_moved_spheres():
+def test_directions_are_those_of_moved_spheres():
     moved = type(BALL)(7 * BALL.vertices + [100, 0, -3], BALL.faces)
     assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
     sphere_directions(moved)[:] = 0  # the layout itself is unchanged

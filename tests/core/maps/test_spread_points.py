@@ -30,7 +30,7 @@ def sheet(thickness):
 
 @pytest.mark.parametrize("spacing", [0.03, 0.06, 0.13])
 @pytest.mark.parametrize("mesh", [LIMBS, icosphere(3), square(6)], ids=["limbs", "ball", "square"])
-def test_spacing_and_coverage(mesh, spacing):
+def test_points_keep_their_spacing_and_cover_the_surface(mesh, spacing):
     places = spread(mesh, spacing)
     normals = face_normals(mesh)[spread_points(mesh).with_spacing(spacing).faces]
     distances = cdist(places, places) + 9 * np.eye(len(places))

@@ -19,7 +19,7 @@ def product(x):
     )
 
 
-def test_derivatives_of_a_product():
+def test_derivatives_of_a_product_are_exact():
     model, inverse = np.zeros(5), 3 / 1.5**2
     phi = 1 + inverse, -2 * inverse, 6 * inverse
     add_product(model, (2.0, 1.0, 0.0), (6.0, 1.0, 4.0), (0.4 / 1.5, -0.7 / 1.5), phi)

@@ -97,7 +97,7 @@ def test_mirror_of_the_human_agrees_with_its_file():
     shift=st.tuples(*[st.floats(-10, 10)] * 3),
     seed=st.integers(0, 2**20),
 )
-def test_symmetry_of_moved_and_renumbered_meshes(turn, scale, shift, seed):
+def test_symmetry_moves_with_the_mesh(turn, scale, shift, seed):
     mesh, turn = shapes.two_armed(2), Rotation.from_rotvec(turn)
     order = np.random.default_rng(seed).permutation(len(mesh.vertices))
     vertices = scale * (turn.apply(mesh.vertices.copy()) + shift)

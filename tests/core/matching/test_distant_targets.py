@@ -61,7 +61,7 @@ def test_reach_finds_distant_targets(degrees):
     assert "squeezed" in failed.verdict.reason
 
 
-def test_distant_target_on_a_body():
+def test_distant_target_on_a_body_is_found():
     """The reach finds the target; with automatic sigma both checks are below 0.35."""
     given = body("human_A.off", 7, 300, 0.1, vertices=500)
     p = Parameters.of(iterations=120, alpha=0.003, divergence=1.0, refine=0)
@@ -121,7 +121,7 @@ def test_few_iterations_are_not_exceeded(iterations, changes):
         assert match.residual < match.initial_residual * (1 + 1e-9)
 
 
-def test_linearised_steps_over_several_meshes():
+def test_linearised_steps_may_use_several_meshes():
     p = Parameters.of(iterations=40, levels=2, method="linearised", segments=8)
     match, _ = matched(40, p, SMALL, 0.2)
     assert match.velocity.shape == (8, len(SMALL.faces), 3)
@@ -152,7 +152,7 @@ def test_match_cancelled_on_coarse_level_is_on_the_mesh(iteration, control):
 
 
 @pytest.mark.parametrize("is_stabilising", [True, False])
-def test_cancel_between_two_levels(is_stabilising, control, monkeypatch):
+def test_match_can_be_cancelled_between_two_levels(is_stabilising, control, monkeypatch):
     """A match cancelled while fields are transferred to a finer mesh has a field on the mesh."""
     evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
@@ -302,7 +302,7 @@ def test_flow_line_residual_equals_the_verification(mesh):
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 
-def test_schedule_of_the_paper():
+def test_schedule_of_the_paper_uses_only_sigma():
     """The stages of the paper differ only in sigma, in either unit, with the norm of order 1."""
     p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40

@@ -36,7 +36,7 @@ def longer(found):
     return replace(found, path=(half, fine, found.path[found.step]), step=2)
 
 
-def test_distortion_of_known_flows():
+def test_distortion_of_known_flows_is_exact():
     """The distortion is exact for the zero flow, a rotation, and an expansion of the plane."""
     sphere = icosphere(4)
     energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))

@@ -82,7 +82,7 @@ def test_bound_is_scale_invariant_and_monotonic(seed, unit, wider):
     assert range_bound(term(wide.T, target.T, *weighted)) <= range_bound(problem) + 1e-12
 
 
-def test_bound_of_known_functions():
+def test_bound_of_known_functions_is_exact():
     # both peaks are sampled at different vertices
     assert range_bound(term(at(0), at(40))) < 0.05
     assert range_bound(term(at(0) - at(180), 0.9 * at(0))) == 0
@@ -111,7 +111,7 @@ def test_masked_values_do_not_affect_the_bound():
     assert not solvability.target_is_constant(term(at(0), outside))
 
 
-def test_vanished_unmoved_and_squeezed_sources():
+def test_vanished_unmoved_and_squeezed_sources_are_found():
     f, halfway, g = at(0), at(45), at(90)
     problem = term(f, g)
     assert solvability.vanished(problem, (0.01 * at(30) + 0.1)[None])
@@ -182,7 +182,7 @@ def test_small_noise_adds_no_peaks(seed, count):
     assert len(persistence(FINE, gaussians(count) + noise)) > 3
 
 
-def test_peaks_of_constants_plateaus_and_boundaries():
+def test_peaks_are_counted_on_plateaus_and_boundaries():
     for value in (0.0, 0.1, -7.0):
         assert peaks(FINE, np.full(len(FINE.vertices), value)) == (0, 0)
     assert peaks(FINE, 0.1 + 1e-17 * FINE.vertices[:, 0]) == (0, 0)

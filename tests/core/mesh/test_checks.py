@@ -369,7 +369,7 @@ SHAPES = {  # mesh, genus, boundary loops, boundary edges
 
 
 @pytest.mark.parametrize(("mesh", "genus", "loops", "edges"), SHAPES.values(), ids=SHAPES)
-def test_genus_boundary_and_euler_characteristic(mesh, genus, loops, edges):
+def test_genus_and_boundary_of_shapes_are_known(mesh, genus, loops, edges):
     assert mesh.messages == ()
     assert mesh.genus == genus
     assert len(mesh.boundary_loops) == loops

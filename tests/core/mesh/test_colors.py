@@ -90,7 +90,7 @@ WRITERS = [as_obj, as_trimesh_obj, as_trimesh_glb]
 @pytest.mark.parametrize("writer", WRITERS)
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
-def test_texture_coordinates_of_renumbered_meshes(folder, writer, seed):
+def test_texture_coordinates_follow_renumbered_vertices(folder, writer, seed):
     """Coordinates are found in files that split and number vertices differently."""
     places = coordinates(MESH)
     path = writer(folder, MESH, places)
@@ -119,7 +119,7 @@ def test_colors_fit_the_surface_of_the_file(tmp_path, writer):
 
 
 @pytest.mark.parametrize("moved", [1.0, 2.0])
-def test_texture_coordinates_after_merging(tmp_path, moved):
+def test_texture_coordinates_fit_a_merged_mesh(tmp_path, moved):
     """A file with a vertex for each corner fits the merged mesh, also by numbers alone."""
     corners = SimpleNamespace(
         vertices=MESH.vertices[MESH.faces.ravel()], faces=np.arange(MESH.faces.size).reshape(-1, 3)
@@ -140,7 +140,7 @@ def test_moved_surfaces_are_identified_by_numbers(tmp_path):
     assert_array_equal(load_colors(path, bent).coordinates, coordinates(MESH))
 
 
-def test_colors_after_repairs(tmp_path):
+def test_colors_fit_a_repaired_mesh(tmp_path):
     """Colours fit a mesh with flipped faces and without one component of the file."""
     two = np.concatenate([MESH.vertices, 0.2 * MESH.vertices + 5])
     faces = np.concatenate([MESH.faces, MESH.faces + len(MESH.vertices)])
@@ -235,7 +235,7 @@ def triangle(tmp_path, material=None, texture=None, attributes=None, **changes):
     return load_colors(path, TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
 
 
-def test_gltf_texture_coordinates_and_samplers(tmp_path):
+def test_gltf_texture_coordinates_and_samplers_are_read(tmp_path):
     found = triangle(
         tmp_path,
         {"alphaMode": "MASK"},
@@ -247,7 +247,7 @@ def test_gltf_texture_coordinates_and_samplers(tmp_path):
     assert material == (image(), (1, 1, 1, 1), ("clamp", "mirror"), "MASK")
 
 
-def test_gltf_texture_transforms_and_factors(tmp_path):
+def test_gltf_texture_transforms_and_factors_are_applied(tmp_path):
     """Transforms and colour factors apply to a texture whose image is a separate file."""
     write(tmp_path, "i i.png", image())
     transform = {"KHR_texture_transform": {"scale": [2, 0.5], "offset": [0.25, 0]}}

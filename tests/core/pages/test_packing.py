@@ -58,7 +58,7 @@ def test_values_are_restored_within_half_a_step(values):
         assert np.abs(back - values[known]).max() <= half + rounding
 
 
-def test_constant_and_unknown_values():
+def test_constant_and_unknown_values_are_packed():
     np.testing.assert_array_equal(quantized(np.full((2, 3), 7.0)).numbers, 0)
     np.testing.assert_array_equal(quantized(np.full((2, 3), np.nan)).numbers, NO_VALUE)
     found = quantized([[1e9, 1e9 + 1]])  # a small difference of large numbers

@@ -57,7 +57,9 @@ def old_quads(vertices: int, quads: int) -> bytes:
         ("a.xyz", b"0 0 0\n", Format.UNKNOWN),
     ],
 )
-def test_format_of_files(tmp_path: Path, name: str, data: bytes, expected: Format) -> None:
+def test_format_of_files_is_detected(
+    tmp_path: Path, name: str, data: bytes, expected: Format
+) -> None:
     """Signatures have priority over endings, also in compressed files."""
     path = tmp_path / name
     path.write_bytes(data)

@@ -22,7 +22,7 @@ def written(separator, decimal=",", quote=""):
 
 @pytest.mark.parametrize("separator", [";", "\t", " ", "  ", "; "])
 @pytest.mark.parametrize("head", ["", "depth{}area\n"])
-def test_decimal_commas_with_other_separators(separator, head):
+def test_decimal_commas_need_other_separators(separator, head):
     names, found, _ = read_numbers(head.format(separator) + written(separator))
     assert_array_equal(found, NUMBERS)
     assert [name.strip() for name in names] == (["depth", "area"] if head else [])

@@ -32,7 +32,7 @@ def linear(mesh, turn=None):
 
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
-def test_transfer_of_functions(a, b):
+def test_functions_are_transferred_to_corresponding_points(a, b):
     """A transferred linear function has the values at the corresponding points."""
     found = spheres(a, b)
     for by in ("point", "area"):
@@ -88,7 +88,7 @@ def test_labels_of_series_and_masked_arrays():
         found.transfer_labels(np.ma.array(labels, mask=labels < 0))
 
 
-def test_transfer_of_points():
+def test_points_return_after_a_round_trip():
     """Points return exactly after a round trip, and vertices map to nearest vertices."""
     found = spheres(FINE, COARSE)
     on_b = found.transfer_points(np.arange(40))
@@ -99,7 +99,7 @@ def test_transfer_of_points():
     assert np.linalg.norm(offsets, axis=1).max() < 0.08
 
 
-def test_inverse_and_composition():
+def test_inverse_and_composition_agree_with_transfers():
     found = spheres(FINE, COARSE)
     back = found.inverse()
     assert back.a is COARSE
@@ -259,7 +259,7 @@ def test_maps_between_other_surfaces_are_refused():
 
 
 @pytest.mark.parametrize("kind", ["sphere", "connectivity", "points"])
-def test_pickling(kind):
+def test_correspondences_can_be_pickled(kind):
     a, b = icosphere(2), ellipsoid(2, 1.0, 2.0, 1.5)
     found = {
         "sphere": lambda: Correspondence.through_sphere(a, b, a.vertices, a.vertices[:, [1, 2, 0]]),

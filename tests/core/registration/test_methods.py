@@ -66,7 +66,7 @@ def test_spheres_from_files_for_repaired_surfaces(tmp_path):
         initial_map(f"sphere:{small},{spheres}", MapInput(mesh, mesh, None, None))
 
 
-def test_landmarks_with_and_without_functions():
+def test_landmarks_need_no_functions():
     vertices = np.array([[0, 5], [20, 30], [100, 80]])
     alone = prepare(OTHER, BALL, landmarks=vertices, initial="sphere").problem.landmarks
     assert_allclose(alone.points(BALL.normalized()).positions.shape, (3, 3))

@@ -89,7 +89,7 @@ def test_hidden_values_do_not_affect_the_rotation():
     assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
 
 
-def test_rotation_by_three_landmarks():
+def test_three_landmarks_determine_the_rotation():
     layouts = SphereLayout(A, A.vertices), SphereLayout(B, TURN.apply(B.vertices.copy()))
     on_a = layouts[0].locate(np.eye(3))
     on_b = layouts[1].locate(TURN.apply(np.eye(3)))
@@ -253,7 +253,7 @@ def test_exact_functions_keep_their_values():
     assert prepared.problem.parameters == Parameters()
 
 
-def test_several_channels_with_weights_and_masks_on_both():
+def test_channels_have_weights_and_masks_on_both_surfaces():
     f = ["coordinate:x", "coordinate:z"]
     mask_a, mask_b = A.vertices[:, 0] > -0.5, B.vertices[:, 1] > -0.5
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
@@ -322,7 +322,7 @@ def test_channels_of_weight_0_do_not_change_parameters():
         assert prepare(B, B, both, both, weights=weights).problem.parameters == default
 
 
-def test_mirrored_spheres_from_files(tmp_path):
+def test_mirrored_spheres_are_read_from_files(tmp_path):
     """Spheres are read from files whose names contain commas, and mirrored."""
     body_a, body_b = (
         TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)

@@ -59,7 +59,7 @@ def test_identity_converges_with_texture_size(mesh):
     assert errors[-1].mean() < 0.3  # of 255 levels, by rounding
 
 
-def test_rotated_renumbered_sphere():
+def test_texture_is_transferred_to_a_rotated_sphere():
     """Points in the same direction have the same colour."""
     a = icosphere(2)
     other, _, _ = renumbered(a, 3)

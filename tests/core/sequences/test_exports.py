@@ -159,7 +159,7 @@ def test_pvd_follows_links_of_its_folder(tmp_path):
     assert len(read_frames(tmp_path / "a.pvd", MESH, "frame").values) == len(TIMES)
 
 
-def test_vertex_speed_of_a_rotation():
+def test_vertex_speed_of_a_rotation_is_accurate():
     """The error of the speed is of the order of the squared edge length."""
     middles = MESH.vertices[MESH.faces].mean(axis=1)
     turning = np.cross([0, 0, SPEED], middles)

@@ -165,7 +165,7 @@ def test_chosen_sigma_grows_with_the_noise():
     assert chosen[0].noise < 0.15 < 0.5 < chosen[1].noise < 1
 
 
-def test_channels_masks_and_weights(pattern, found):
+def test_channels_have_masks_and_weights(pattern, found):
     rng = np.random.default_rng(0)
     nonsense = rng.standard_normal(pattern[0].shape)
     both = np.stack([pattern[0], nonsense], axis=-1)
@@ -274,7 +274,7 @@ def test_path_lines_rotate_with_the_pattern():
     assert np.median(np.abs(np.angle((x + 1j * y) / (a + 1j * b)) - 0.15)) < 0.02
 
 
-def test_parts_divergence_and_curl(found):
+def test_parts_have_divergence_and_curl(found):
     gradient, rotated, harmonic = found.parts(0)
     assert_allclose(gradient + rotated + harmonic, found.velocity[0], atol=1e-10)
     field = to_frame(SPHERE, found.velocity[1]).ravel()

@@ -73,7 +73,7 @@ def test_min_intervals_must_be_a_positive_integer(min_intervals):
         tracks(SPHERE, [], np.empty(0), min_intervals)
 
 
-def test_episodes_of_an_oscillating_speed():
+def test_episodes_of_an_oscillating_speed_are_found():
     times = np.linspace(0, 4 * np.pi, 81)
     middles = (times[1:] + times[:-1]) / 2
     found = episodes(times, np.sqrt(2 + np.cos(middles)))

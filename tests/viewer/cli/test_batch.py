@@ -119,7 +119,7 @@ def test_only_missing_rows_are_solved_again(solved, abfm):
     assert results(solved / "out") == before
 
 
-def test_all_combinations_of_options(abfm, tmp_path, monkeypatch):
+def test_all_combinations_of_options_are_solved(abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(EIGHT.parent)
     pair = ["--channel", "coordinate:x", "coordinate:x", "0.5"]
     over = f'--over=alpha=0.1,0.2 --over=target="{NEAR}","gaussian:vertex=6,width=0.4"'
@@ -282,7 +282,7 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
     assert (tmp_path / "out" / "summary.html").stat().st_size < 1_500_000
 
 
-def test_strange_names(tmp_path, abfm):
+def test_strange_names_are_cut_or_replaced(tmp_path, abfm):
     """Names of 20,000 letters are cut only on the page; invalid characters hide no row."""
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"

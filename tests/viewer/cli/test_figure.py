@@ -128,7 +128,7 @@ def test_bad_input_is_refused(words, named, abfm, tmp_path, monkeypatch):
     check_message(abfm(f"figure {words}", file=__file__, status=2).err, named)
 
 
-def test_page_of_all_figures():
+def test_page_has_all_figures():
     measures = (
         Measure("mismatch", 0.0123, "small", True, 0.05),
         Measure("mismatch", 0.2, "matches", False, 0.05),

@@ -73,7 +73,7 @@ def test_folding_flow_has_a_warning(folding, tmp_path, abfm):
         assert output.out == f"{found.report()}\nwrote {tmp_path / 'out.npy'}\n"
 
 
-def test_json_of_a_map(folding, rotation, tmp_path, abfm):
+def test_json_has_the_facts_of_a_map(folding, rotation, tmp_path, abfm):
     for path, time in ((folding, -0.5), (folding, 0.0), (rotation, 1.0)):
         output = abfm(f"map {{r}} --time {time} --json", r=path)
         quality = json.loads(output.out)["quality"]

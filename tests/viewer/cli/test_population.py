@@ -143,7 +143,7 @@ def test_pictures_show_means_areas_and_outliers(page):
     assert np.abs(page.pictures[f"{NAME}, registered, front"] - other).mean() > 10
 
 
-def test_weights_and_landmarks(abfm, folder, monkeypatch):
+def test_channels_have_weights_and_subjects_landmarks(abfm, folder, monkeypatch):
     """Two channels have weights, and one of two subjects has landmarks outside the folder."""
     (folder / "marks").mkdir(exist_ok=True)
     (folder / "marks" / "one.csv").write_text("\n".join(f"{k},{k}" for k in (0, 40, 90)))

@@ -148,7 +148,7 @@ def write_two_columns(folder):
     nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), folder / "two.label.gii")
 
 
-def test_column_of_labels(registration, tmp_path, apply):
+def test_column_of_labels_is_chosen(registration, tmp_path, apply):
     write_two_columns(tmp_path)
     left = (A.vertices[:, 0] > 0).astype(int)
     wanted = library.load(registration).transfer_labels(left, "area")

@@ -83,7 +83,7 @@ def test_frames_have_times(files, tmp_path, abfm):
     assert "unit per frame\n" in abfm("info {t}/a.npz").out
 
 
-def test_json_and_parameters_of_a_sequence(files, tmp_path, abfm):
+def test_json_has_the_parameters_of_a_sequence(files, tmp_path, abfm):
     line = (
         "sequence {f}/m.ply {f}/f.npz --gamma=0 --alpha=0.5 --set=order=2 --sigma=0.2 --json "
         "--mask=expression:x>-2 --channel 0 2 --quiet --out={t}/a.npz"

@@ -33,7 +33,7 @@ def test_long_subject_names_are_abbreviated_in_titles():
     assert {comparison(kind=kind).title("error") for kind in get_args(ComparisonKind)} == {"error"}
 
 
-def test_unknown_values_of_each_slot():
+def test_each_slot_has_its_unknown_values():
     found = comparison()
     assert found.unknown("source", 0).tolist() == [False, False, False, True, False]
     assert found.unknown("advected", 0).tolist() == [False, False, False, True, False]

@@ -588,7 +588,7 @@ READ = "permuted:b.txt(file:a.npy + coordinate:x)"
         (READ, [READ]),
     ],
 )
-def test_terms_that_read_files(spec, terms):
+def test_terms_of_files_are_found(spec, terms):
     assert project.terms_from_files(spec) == terms
 
 

@@ -70,7 +70,7 @@ def test_axis_of_areas_has_round_factors(widest, factors):
     np.testing.assert_allclose(2 ** np.array(trade_off.area_ticks(widest)), factors)
 
 
-def test_tooltip_of_an_iteration():
+def test_tooltip_describes_an_iteration():
     coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
     assert energy.stage_text(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
     assert energy.stage_text(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"

@@ -45,7 +45,7 @@ def test_images_have_four_channels(tmp_path, mode):
     assert_array_equal(found, np.asarray(image.convert("RGBA")))
 
 
-def test_formats_and_sixteen_bits(tmp_path):
+def test_all_formats_and_sixteen_bits_are_read(tmp_path):
     smooth = Image.fromarray(np.tile(np.arange(64, dtype=np.uint8), (64, 1)) + 60).convert("RGB")
     for form, more in (("JPEG", {"quality": 95}), ("WEBP", {}), ("TGA", {}), ("BMP", {})):
         [found] = read(tmp_path, encoded(smooth, form, **more))[0].images

@@ -72,7 +72,7 @@ def test_best_rows_with_failures_and_equal_numbers(rows, wanted):
 
 
 @pytest.mark.parametrize("sigma", ["0.1", "auto"])
-def test_note_about_residuals_below_noise(sigma):
+def test_residuals_below_noise_have_a_note(sigma):
     best = best_of(swept((0.2, 0.1), (0.3, 0.2), sigma=sigma, verdicts=["registered"] * 2))
     assert ("noise" in best.sentences()[-1]) == (sigma != "auto")
 

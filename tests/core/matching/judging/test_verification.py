@@ -171,7 +171,7 @@ def test_check_on_subdivision_is_optional(monkeypatch):
         (0.02, np.nan, False),
     ],
 )
-def test_disagreement_of_checks(flow_lines, subdivided, checks_disagree):
+def test_checks_disagree_by_difference_and_ratio(flow_lines, subdivided, checks_disagree):
     """Two residuals disagree if they differ by more than 0.05 and by a ratio above 2."""
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.checks_disagree == checks_disagree

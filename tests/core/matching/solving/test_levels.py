@@ -233,7 +233,7 @@ def test_transfer_errors_have_order_two():
     assert uneven[:, -1].max() < 0.015
 
 
-def test_discretisation_errors_of_levels():
+def test_discretisation_errors_of_levels_have_order_two():
     """A level's error falls with order 2, and is independent of units and offsets of functions."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
@@ -299,7 +299,7 @@ def test_transfers_are_bitwise_reproducible():
     assert_array_equal(*found)
 
 
-def test_transfer_to_the_same_mesh():
+def test_transfer_to_the_same_mesh_preserves_functions():
     """A transfer to the same mesh preserves functions, but smooths fields."""
     mesh = icosphere(4)
     pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))

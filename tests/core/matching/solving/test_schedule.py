@@ -88,7 +88,7 @@ def test_fixed_stages_use_all_their_iterations():
         ({"method": "linearised"}, EXACT, None),
     ],
 )
-def test_second_variant(changes, functions, other):
+def test_second_variant_has_two_fields_or_a_smaller_alpha(changes, functions, other):
     """The second variant has two fields or, for measured functions, a third of alpha."""
     p = Parameters.of(**changes)
     first = (p.alpha, 1)
@@ -107,7 +107,7 @@ def test_reach_is_maximal_after_a_failed_variant():
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
-def test_goal_and_iterations_of_stages(iterations, goal, meshes):
+def test_stages_have_goals_and_iterations(iterations, goal, meshes):
     """Stages of exact functions end below the goal; a quarter of iterations is for the mesh."""
     p = Parameters.of(iterations=iterations, goal=goal)
     for level in range(meshes):

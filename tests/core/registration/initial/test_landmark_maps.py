@@ -53,7 +53,7 @@ def test_poses_are_found_by_eigenfunctions():
 
 
 @pytest.mark.parametrize("mesh", [BODY, icosphere(1)])
-def test_mirror_images(mesh):
+def test_mirror_images_are_found_by_landmarks(mesh):
     """Landmarks lead to mirror images, also if a mesh has too few vertices for eigenfunctions."""
     b, vertices = moved(mesh, -1), [0, 5, 17, 30]
     given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, vertices, vertices))

@@ -40,7 +40,7 @@ def read(tmp_path):
         "Target,Source\n9,5\n161,0\n",
     ],
 )
-def test_pairs_of_vertices(read, text):
+def test_pairs_of_vertices_are_read(read, text):
     found = read(text)
     assert_allclose(found.a.positions, A.vertices[[5, 0]], atol=1e-12)
     assert_allclose(found.b.positions, B.vertices[[9, 161]], atol=1e-12)

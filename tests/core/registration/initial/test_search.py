@@ -82,7 +82,7 @@ def test_relaxation_reduces_the_energy():
     assert error(found.to_a) < 0.5 * error(to_a)
 
 
-def test_distances_on_a_sphere():
+def test_distances_on_a_sphere_are_hardly_too_short():
     """Graph distances over unfolded faces are 2% too long on average, and hardly ever too short."""
     ball = coarse_shape(icosphere(3), 1000)
     directions = ball.mesh.vertices * np.sqrt(4 * np.pi)
@@ -128,7 +128,7 @@ def test_brackets_distinguish_mirror_images():
 
 
 @pytest.mark.parametrize("method", [None, "spectral", "extremities"])
-def test_body_of_other_proportions(method):
+def test_body_of_other_proportions_is_mapped(method):
     b, truth = other_body((1, 1.2, 1))
     found = initial_map(method, MapInput(BODY, b)).correspondence
     assert map_accuracy(found.points, truth, 150).mean < 0.08
@@ -184,7 +184,7 @@ def test_no_search_if_vertex_numbers_are_good(monkeypatch):
     assert_array_equal(found.points.positions, ball.vertices)
 
 
-def test_spheres_of_both_hemispheres():
+def test_spheres_of_both_hemispheres_are_mirrored():
     ball = icosphere(3)
     rng = np.random.default_rng(3)
     weights, phases = 3 * rng.normal(size=(3, 8)), rng.uniform(0, 6, 8)
