@@ -163,7 +163,7 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
 def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split a field (F, 3) of any unit into a gradient, a rotated gradient and a harmonic field.
 
-    The three are orthogonal in L2 and sum to ``v``, both up to rounding; a normal part is dropped.
+    The parts are orthogonal in L2 and sum to ``v``, both up to rounding; a normal part is dropped.
     On a boundary the gradient takes all flux through it, and the other two are tangent to the
     boundary. The first part is the gradient, face by face, of an edge (Crouzeix-Raviart) function.
     The second is the gradient of a vertex function that vanishes on the boundary, rotated by 90

@@ -44,7 +44,7 @@ class Circular(Family):
 
     @property
     def parts(self) -> tuple[Spec, ...]:
-        """The functions of its channels."""
+        """The functions of the channels: cosine and sine, or only the chosen part."""
         if self.part is not None:
             return (self,)
         return tuple(replace(self, part=part) for part in ("cosine", "sine"))

@@ -169,7 +169,7 @@ def mapped_vertices(
 ) -> IntArray:
     """Return the vertex of the codomain for each vertex of the domain, (V,).
 
-    ``table`` (n, 1) are the contents of a file; vertices are counted as in `read_vertex_map`.
+    ``table`` (n, 1) has the contents of a file; vertices are counted as in `read_vertex_map`.
     """
     try:
         if table.shape[1] != 1:

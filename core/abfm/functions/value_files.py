@@ -169,8 +169,8 @@ def read_column(
 def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatArray:
     """Read a table (n, C) with the images of the vertices of a mesh; row i is row i of the file.
 
-    Named columns do not number the rows. Node indices of GIFTI do, and also a first column without
-    a name, as written by pandas.
+    Vertex numbers of the rows are node indices of GIFTI, or a first column without a name, as
+    pandas writes it. Named columns do not number the rows.
     """
     with file_errors(path, "map"):
         counts = counts_of(domain)

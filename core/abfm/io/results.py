@@ -61,7 +61,7 @@ class Entry(NamedTuple):
     is_mapped: bool = False  # whether it is memory-mapped, as it may be larger than the memory
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
-        """Return an array in the entry's type, or ValueError; add its shared sizes to ``sizes``."""
+        """Return a checked array in the entry's type; add its shared sizes to ``sizes``."""
         kinds, dtype = _KINDS[self.kind]
         if array.dtype.kind not in kinds:
             raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")

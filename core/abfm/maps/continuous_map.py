@@ -92,7 +92,7 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_loop_means(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Append the mean over each boundary loop, as the value of the vertex that closes the loop."""
+    """Append to values (V, ...) the mean of each boundary loop, for the vertex that closes it."""
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )

@@ -244,7 +244,7 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Refine axes (K, 3) and points on them (K, 3); return both and the distances (K,).
 
-    A distance is the largest one of an image of a point from the surface.
+    The distance of an axis is the largest one of an image from the surface.
     """
     for remaining in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
         moved = _apply(group.linear(axes), centres[:, None], points)
@@ -265,7 +265,7 @@ def _refined(
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Return a symmetry tested on all vertices; ``axis`` and ``centre`` are for unit area."""
+    """Return a symmetry tested on all vertices, from its axis and centre for unit area."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
     positions = _apply(linear, centre, group.surface.vertices)

@@ -107,8 +107,7 @@ def _copied(draft: Draft) -> Draft:
 def _merged(draft: Draft) -> Draft | None:
     """Return a copy whose vertices at the same position are merged; None if nothing is merged.
 
-    All vertices remain if all components lie at the same place, as the spheres of two hemispheres
-    do.
+    If all components lie at the same place, as two hemispheres' spheres do, nothing is merged.
     """
     found = _copied(draft)
     try:

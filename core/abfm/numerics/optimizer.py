@@ -45,7 +45,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Trial(Generic[Point]):
-    """One step length with its value and slope; the slope is NaN if the value rejects the step."""
+    """A step length in a line search, with value and slope (NaN if the value rejects the step)."""
 
     length: float
     value: float
@@ -203,7 +203,7 @@ def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
 
 @kernel
 def second_loop_update(pair: Pair, weight: float, found: FloatArray) -> None:
-    """Add a pair's step in the second loop."""
+    """Add a pair's step, in the recursion's second loop, to ``found``."""
     share = weight - pair.rho * inner(pair.y, found)
     for i in range(found.size):
         found[i] += share * pair.s[i]

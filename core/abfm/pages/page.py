@@ -115,7 +115,7 @@ class Paths:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A surface in its part of the page.
+    """A part of the page with one surface.
 
     The panels of a page rotate together, each from its own front. If the reader chooses the nth
     layer, each panel shows its nth layer, or its last one if it has fewer.
@@ -176,7 +176,10 @@ class Page:
     topics: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
-        """Return the HTML. An embedded page has no title and no text below the panels."""
+        """Return the HTML of the page.
+
+        Embedded, it has neither a title nor text below the panels.
+        """
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")

@@ -238,7 +238,7 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
 def _path_lines(sequence: sequences.Sequence) -> Paths:
     """Return path lines from points distributed over the surface.
 
-    Each line restarts after `_PATH_INTERVALS` intervals, at different times.
+    Each path line restarts after `_PATH_INTERVALS` intervals, at different times.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))

@@ -93,9 +93,10 @@ def find_outliers(
     A robust z-score uses the median and MAD over all subjects. A subject is an outlier if the
     z-score of a measure exceeds 3.5 and the measure also differs considerably:
 
-    - its explained variance is less than half of the median;
-    - its distance to the mean is more than twice the median;
-    - its distortion is more than twice the median, and its mean ``|log2 J|`` is above 0.5.
+    - the explained variance of the subject is less than half of the median;
+    - the distance of the subject to the mean is more than twice the median;
+    - the distortion of its map is more than twice the median, and the mean ``|log2 J|`` is above
+      0.5.
 
     A subject is also excluded if its map folds a tenth of its faces, or its functions are constant.
 

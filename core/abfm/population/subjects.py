@@ -137,7 +137,7 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
 def function_text(given: str, folder: str | os.PathLike[str]) -> str:
     """Return the specification of a function from a file name or a specification.
 
-    Files in the result are absolute.
+    Names of files in the returned specification are absolute.
 
     Raises
     ------

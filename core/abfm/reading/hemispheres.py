@@ -35,7 +35,10 @@ def _side(word: str) -> str | None:
 
 
 def named_side(path: str | os.PathLike[str]) -> str | None:
-    """Return the `hemisphere` in the name of a brain file; other names may have a "left" hand."""
+    """Return the `hemisphere` in the name of a brain imaging file; None for other files.
+
+    In the names of other files, ``left`` may refer to a hand.
+    """
     name = os.path.basename(path).lower()
     words = [word.rpartition("-") for word in re.split(r"[._]", name)]
     is_clear = any(key == "hemi" or word in _SIDES for key, _, word in words)

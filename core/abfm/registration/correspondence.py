@@ -218,8 +218,8 @@ class Correspondence(Display):
     def area_shares(self) -> sparse.csr_array:
         """Return the area that each vertex of A gives to each vertex of B, (V_B, V_A).
 
-        Columns sum to the areas of A's vertices, except for vertices without any vertex of B
-        nearby.
+        The columns of the matrix sum to the areas of A's vertices, except for vertices without any
+        vertex of B nearby.
         """
         forward = _without_zeros(self.points.to_matrix())
         reverse = _without_zeros(sparse.csr_array(self.back.to_matrix().T))

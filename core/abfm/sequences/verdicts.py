@@ -157,10 +157,10 @@ def _noise(functions: FunctionTerm) -> str:
 
 
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
-    """Return why a field explains little of the change, by the check with the larger residual.
+    """Return why a field explains little of the change between frames.
 
-    The change is not a motion only if both checks explain little and the mesh resolves the
-    functions.
+    The reason is that of the check with the larger residual. The change is not a motion only if
+    both checks explain little and the mesh resolves the functions.
     """
     if not explains_too_little(functions, levels, measures.residual):
         return Cause.ONLY_DISCRETE_FLOW

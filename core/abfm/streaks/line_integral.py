@@ -266,7 +266,7 @@ def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
 
 @kernel
 def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
-    """Return the product of a row of weights and the noise from a start, summed in four lanes."""
+    """Return the sum of noise from index ``start`` times a picture's weights, in four lanes."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     count = weights.shape[1]
     whole = (count // 4) * 4

@@ -148,7 +148,7 @@ def regularizer(
 def add_products(
     slopes: Slopes, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
 ) -> None:
-    """Add the products of a field (F, 2) with the gradients of edge and vertex functions."""
+    """Add the products of a field (F, 2) with gradients to values on edges and on vertices."""
     gradients, edges, vertices = slopes
     for f in range(edges.shape[0]):
         for c in range(3):

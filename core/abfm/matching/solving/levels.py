@@ -244,10 +244,7 @@ class Levels:
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
-        """Return the levels with coarser meshes.
-
-        A parameter or the mesh size limits their number.
-        """
+        """Return the levels with coarser meshes, as many as a parameter or the mesh size allows."""
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
         counts = _vertex_counts(first.mesh, first.parameters)

@@ -23,7 +23,7 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A minimisation on one level; with ``reach`` 0, in the norm of the parameters."""
+    """A minimisation on one level; ``reach`` 0 means the norm of the parameters."""
 
     level: int  # number of the mesh, from 0 for the coarsest one
     fields: int  # number of consecutive fields

@@ -129,8 +129,8 @@ class FunctionTerm:
     def varying_size(self) -> float:
         """The L2 norm of the target minus its mean.
 
-        If the target is constant, it is that of the source. If both are constant, it is the norm of
-        the target, or of the source, or 1, whichever is the first above 0.
+        If the target is constant, the size is that of the source. If both are constant, the size is
+        the norm of the target, or of the source, or 1, whichever is the first above 0.
         """
         sizes = (self._varying(self.target), self._varying(self.source))
         norms = (self.norm(self.target), self.norm(self.source))

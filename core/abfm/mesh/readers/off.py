@@ -88,7 +88,7 @@ class _Text:
         return _contents(*found)
 
     def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
-        """Return whether the faces are valid; otherwise lines do not end as assumed."""
+        """Return whether sizes and corners make faces; if not, lines do not end as assumed."""
         smallest, largest = corners.min(initial=0), corners.max(initial=-1)
         return bool(sizes.min(initial=3) >= 3 and smallest >= 0 and largest < len(points))
 
@@ -125,7 +125,7 @@ class _Text:
     def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray, int]:
         """Return sizes and corners of faces, one on each line, and the end of the last line.
 
-        A colour may follow the corners.
+        A colour may follow the corners of a face.
         """
         lists, rows = Lists(), _Rows(self._text, begin)
         for words in islice(rows, self._face_count):
@@ -142,7 +142,7 @@ class _Text:
         return sizes, corners_of_all, rows.end
 
     def _by_words(self, width: int) -> _Parts:
-        """Return the parts if lines break anywhere and each vertex has ``width`` numbers."""
+        """Return the parts, where lines break anywhere and a vertex has ``width`` numbers."""
         words = Words(self._text, self._begin)
         table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
             -1, width

@@ -164,7 +164,7 @@ def read_landmarks(
 
 
 class _Side(NamedTuple):
-    """The points of one surface in the rows of a file."""
+    """The points of one surface in the rows of a landmark file."""
 
     which: str
     mesh: TriangleMesh

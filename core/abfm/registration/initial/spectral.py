@@ -134,7 +134,7 @@ class SpectralSearch:
 
 
 class _Criteria(NamedTuple):
-    """The data for the comparison of candidates."""
+    """The data for the comparison of candidate maps."""
 
     spectra: Spectra
     hints: Hints

@@ -133,9 +133,10 @@ def _identity_preferred(level: _Level, best: list[Rotation]) -> list[Rotation]:
 
 
 def _scaled(given: SphereFunctions) -> SphereFunctions:
-    """Subtract means and scale the largest absolute value to 1, so that squares do not overflow.
+    """Subtract the means of functions, and scale their largest absolute value to 1.
 
-    Constant functions become 0, which has no correlation with other functions.
+    Squares then do not overflow. Constant functions become 0, which has no correlation with other
+    functions.
     """
     scaled = []
     for values in given.functions:
@@ -197,7 +198,7 @@ class _Level:
         self._cell_weights = cell_weights
 
     def correlations(self, rotations: Rotation, opposite: float = _SIGN_WEIGHT) -> FloatArray:
-        """Return the mean correlation over channels (K,) for K rotations of A.
+        """Return the mean correlation over channels (K,) for K rotations of sphere A.
 
         Negative correlations count by their absolute value times ``opposite``.
         """
@@ -249,7 +250,7 @@ class _Level:
 def _interpolate(
     back: FloatArray, places: FloatArray, tables: FloatArray, interpolated: FloatArray
 ) -> None:
-    """Interpolate tables at rotated places.
+    """Interpolate tables over a sphere at rotated places.
 
     The result for T tables, rotations ``back`` (K, 3, 3) and ``places`` (n, 3) is written to
     ``interpolated`` (T, K, n).

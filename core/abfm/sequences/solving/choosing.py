@@ -113,7 +113,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
 
 
 class _HeldOut:
-    """Held-out residuals with a norm on a few intervals, for several sigmas or a given one."""
+    """Residuals of held-out patches with one norm, on a few intervals, by the sigmas tried."""
 
     def __init__(
         self, given: _ChoiceInput, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
@@ -281,7 +281,7 @@ def change_rates(frames: Frames) -> FloatArray:
 
 
 def _spread(changed: FloatArray, count: int) -> list[int]:
-    """Return one interval from each of ``count`` parts of time: the upper quartile of changes."""
+    """Return the intervals at the upper quartile of changes in each of ``count`` parts of time."""
     parts = np.array_split(np.arange(len(changed)), min(count, len(changed)))
     return [
         int(part[np.argsort(changed[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts

@@ -137,7 +137,7 @@ class Interval:
 
     @property
     def _stiffness(self) -> float:
-        """Factor of the norm in the energy, including the neighbours."""
+        """Factor of the norm of the field in the energy, with the terms of the neighbours."""
         return self._tau * (1 + sum(each.weight for each in self._neighbours))
 
     def _hessian(self, sigma: float, at: Evaluation) -> Apply:
