@@ -53,7 +53,7 @@ _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions
 
 
 class PopulationSolver:
-    """Computations of all rounds and their shared data; the thread's ``Control`` can cancel them."""
+    """Computations of all rounds and their shared data, which the thread's ``Control`` can stop."""
 
     def __init__(
         self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, workers: Workers
