@@ -23,8 +23,8 @@ from abfm_viewer.reports.pages import population_page
 SUMMARY = "iteratively register subjects to a template; report the mean and the outliers"
 DESCRIPTION = """\
 Register each subject of a table to a template by its functions, and compute the mean. Register to
-the mean, and repeat until it hardly changes. The report has means, deviations, the variation of
-areas and positions, and outliers, which the mean excludes.
+the mean, and repeat until it hardly changes. The report has means and standard deviations, the
+variation of areas and positions, and outliers, which the mean excludes.
 
 Examples:
   abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop

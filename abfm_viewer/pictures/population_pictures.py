@@ -1,4 +1,4 @@
-"""Pictures of a population on its template: means, deviations, area changes, outliers."""
+"""Pictures of a population: means, standard deviations, area changes and outliers."""
 
 from __future__ import annotations
 
