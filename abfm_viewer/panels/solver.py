@@ -215,10 +215,8 @@ def _expected_text(facts: Facts) -> str:
 
 def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     ui, session = context.ui, context.session
-    tone, headline = (
-        "muted" if session.outdated else facts.tone,
-        verdict_words.short_headline(facts),
-    )
+    tone = "muted" if session.outdated else facts.tone
+    headline = verdict_words.short_headline(facts)
     tip = "" if headline == facts.headline else capital(facts.headline)
     _draw_headline(context, capital(headline), tone, facts.topics, tip)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if it fits
