@@ -8,7 +8,11 @@ import abfm
 from abfm.outcome import Facts
 from abfm.wording import sentence, share
 
-_SHORTER = {"areas change by a factor of ": "areas ×", "distortion within ": "distortion ≤ "}
+_SHORTER = {
+    "less than ": "<",
+    "areas change by a factor of ": "areas ×",
+    "distortion within ": "distortion ≤",
+}
 
 
 def short_headline(facts: Facts) -> str:

@@ -18,7 +18,7 @@ from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import stage_text
+from abfm_viewer.document.verdict_words import short_headline, stage_text
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -94,6 +94,7 @@ def test_large_area_change_is_a_warning(found, kind, tone):
     assert "factor" not in within.headline
     assert [("16" in warning) for warning in beyond.warnings] == [True] * (kind != "not reached")
     assert ("a factor of 9.8" in beyond.headline) is (kind != "not reached")
+    assert ("areas ×9.8" in short_headline(beyond)) is (kind != "not reached")
     assert beyond.tone == tone
     assert beyond.outcome == within.outcome == kind
     advised = replace(match, verdict=replace(match.verdict, advice=""))

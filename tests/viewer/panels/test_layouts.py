@@ -249,6 +249,15 @@ def test_verdicts_are_never_clipped(layouts):
             assert is_in_view or scrolls, f"{text}: {where(layout)}"
 
 
+def test_headline_has_one_line(layouts):
+    headline = short_headline(longest())
+    for layout in layouts:
+        if layout["state"] == LONGEST and layout["scale"] == 1:
+            [note] = [note for note in layout["notes"] if note["text"].lower() == headline]
+            left, _, right, _ = note["rect"]
+            assert right - left >= note["text_width"] - _ROUNDING, where(layout)
+
+
 def test_status_line_has_the_headline_or_the_verdict(layouts):
     facts = longest()
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
