@@ -6,7 +6,7 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 # limits of the comparison, which is slow
-_WORDS_MAX = 1000  # words
+_WORDS_MAX = 1000  # words of a message
 _LETTERS_MAX = 60  # letters of a word
 
 MESSAGE_LENGTH_MAX = 600  # characters of a message

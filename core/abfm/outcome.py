@@ -131,7 +131,7 @@ class Facts:
     topics: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        topics = dict.fromkeys(map(str, self.topics or [self.outcome]))  # without repetitions
+        topics = dict.fromkeys(map(str, self.topics or [self.outcome]))  # removes repetitions
         object.__setattr__(self, "topics", tuple(topics))
 
     @property

@@ -44,8 +44,8 @@ _ITERATIONS_MAX = 150  # L-BFGS iterations
 class ReducedMatch:
     """The result of a match in a reduced basis."""
 
-    velocity: FloatArray  # (F, 3), in the input's units
-    functional_map: FloatArray  # (k, m), in the reduced basis
+    velocity: FloatArray  # (F, 3), field in the input's units
+    functional_map: FloatArray  # (k, m), map in the reduced basis
     start_mismatch: float  # ``||C - C_target|| / ||C_target||`` of the start, Frobenius norm
     mismatch: float  # the same of the result
 

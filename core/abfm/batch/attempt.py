@@ -50,8 +50,9 @@ class WorkItem:
     row: Row | Computation
     folder: str = ""
     identity: str = ""
-    contents: Mapping[str, bytes] | None = None  # of its files, if the worker has no access to them
-    version: str = field(default_factory=installed_version)  # of abfm where the item was created
+    # contents of its files by name, if the worker has no access to them
+    contents: Mapping[str, bytes] | None = None
+    version: str = field(default_factory=installed_version)  # version of abfm that created the item
     tries: int = 1  # number of this attempt; in earlier ones the process died
     number: int = 0  # index in the list of items
 

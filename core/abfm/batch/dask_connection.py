@@ -128,7 +128,7 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     def connect() -> None:
         try:
             client = make(address, set_as_default=False)
-        except Exception as error:  # of any type if another service answers
+        except Exception as error:  # the error has any type if another service answers
             reason = one_line(error, 120)
         else:
             clients.put(client)

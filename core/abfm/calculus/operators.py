@@ -26,10 +26,10 @@ THICKNESS_MIN = 1e-5
 class FaceShapes(NamedTuple):
     """Normals, areas, frames and gradients of the faces."""
 
-    normals: FloatArray  # (F, 3), of length 1
+    normals: FloatArray  # (F, 3), unit normals
     areas: FloatArray  # (F,)
     frames: FloatArray  # (F, 2, 3), the first axis along the first edge
-    gradients: FloatArray  # (F, 3, 2), of the hat functions of the corners
+    gradients: FloatArray  # (F, 3, 2), gradients of the hat functions of the corners
 
 
 class NormShapes(NamedTuple):

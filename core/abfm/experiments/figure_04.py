@@ -26,7 +26,7 @@ _TIMES = np.arange(21) / 20  # relative to tau
 _SHOWN_TIMES = {
     4: ("0.2 tau", "0.2 τ"),
     -1: ("tau", "τ"),
-}  # by index into _TIMES: name of the measure, and label
+}  # name of the measure and label, by index into _TIMES
 _GROWTH = 1e6  # amplification of the fastest oscillation by linear steps until tau
 _STEPS_MAX = 10_000
 _REFINEMENT = 4  # ratio of the numbers of steps, for comparison

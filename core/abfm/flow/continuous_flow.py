@@ -35,7 +35,7 @@ _LENGTH_MIN = 1e-12  # shorter steps, relative to the face, are not taken
 _INWARD_SHARE = 1e-10
 _CHUNK = 4096  # points between checks for cancellation: 0.2 s if each crosses a hundred faces
 _CROSSINGS = 64  # a step that crosses more edges counts as caught at a vertex
-_CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
+_CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # centres of the child faces
 # a step that lost more of its squared length has slid along the boundary
 _STRAIGHT_SHARE_MIN = 1 - 1e-9
 Face: TypeAlias = int | np.int64
@@ -197,7 +197,7 @@ def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> 
 @per_mesh
 def _unfolding(mesh: TriangleMesh) -> FloatArray:
     places, others = corners(mesh).places, mesh.opposite_slots
-    starts, ends = (np.roll(places, turn, axis=1) for turn in (-1, -2))  # of the edges
+    starts, ends = (np.roll(places, turn, axis=1) for turn in (-1, -2))  # ends of the edges
     turns = (starts.ravel()[others] - ends.ravel()[others]) / (ends - starts)
     turns /= np.abs(turns)
     shifts = ends.ravel()[others] - turns * starts

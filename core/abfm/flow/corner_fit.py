@@ -69,7 +69,7 @@ def as_complex(pairs: FloatArray) -> IndexArray:
 
 class _Fit(NamedTuple):
     rotations: IndexArray  # (F, 3), complex, of length 1: from a face's frame to a vertex's plane
-    weights: IndexArray  # (F, 3), of a face's vector in the fit at the vertex, with the rotation
+    weights: IndexArray  # (F, 3), weight of a face's vector at the vertex, times the rotation
 
 
 @per_mesh
@@ -79,7 +79,7 @@ def _fit(mesh: TriangleMesh) -> _Fit:
     unroll(mesh.opposite_slots, around.scaled, turns)
     rotations = np.exp(1j * turns) / around.middles
     places = around.places / mesh.length_scale
-    places = (places.mean(axis=1, keepdims=True) - places) * rotations  # of the centres
+    places = (places.mean(axis=1, keepdims=True) - places) * rotations  # centres from corners
     areas = np.repeat(face_areas(mesh)[:, None] / mesh.length_scale**2, 3, axis=1)
     totals, fans = _sums(mesh, areas), mesh.corner_fans
     middles = _sums(mesh, areas * places) / totals

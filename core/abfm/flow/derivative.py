@@ -51,7 +51,7 @@ class DerivativePattern:
     # (B + 1,), blocks of rows whose neighbours are in the same, the next or the previous block
     bounds: IndexArray
     transpose: IndexArray  # (7 G,), position of the entry with row and column exchanged
-    assembly: Assembly  # in the mesh's order
+    assembly: Assembly  # assembly in the mesh's order
 
     @property
     def size(self) -> int:

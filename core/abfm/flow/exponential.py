@@ -243,7 +243,7 @@ class ExponentialFlow:
         for segment in reversed(trajectory.segments):
             terms = segment.terms
             if terms is None or segment.generation != self.workspace.generation:
-                terms = self.workspace.terms[: len(coefficients)]  # the scratch block
+                terms = self.workspace.terms[: len(coefficients)]  # memory for temporary terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
             _count(segment.count, self.pattern.size)
             dual = self.pattern.restricted_dual(mu)

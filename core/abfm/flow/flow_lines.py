@@ -110,7 +110,7 @@ class FaceFlow(NamedTuple):
     # (F, 3), component along the edge opposite each corner, in edges per unit of time
     along: FloatArray
     areas: FloatArray  # (F,)
-    neighbours: IntArray  # (F, 3), `TriangleMesh.opposite_slots`
+    neighbours: IntArray  # (F, 3), the mesh's ``opposite_slots``
 
 
 class Path(NamedTuple):

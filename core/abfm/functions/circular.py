@@ -36,7 +36,7 @@ class Circular(Family):
     part: str | None = parameter(
         choice("cosine", "sine"), "one of the two functions", default=None, empty="both"
     )
-    function: Spec  # in parentheses
+    function: Spec  # function in parentheses
 
     def __str__(self) -> str:
         text = super().__str__()

@@ -14,8 +14,8 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-_LENGTH_MAX = 1000  # characters
-_DEPTH_MAX = 495  # nested operations
+_LENGTH_MAX = 1000  # characters of a formula
+_DEPTH_MAX = 495  # nested operations of a formula
 _CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 
 
@@ -43,7 +43,7 @@ _UNARY = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("exp", "log", "sqrt", "abs", "sign", "floor", "ceil"),
 )
-# by name; the number of arguments is checked because a further one would be NumPy's ``out``
+# numbers of arguments and functions by name; one more argument would be NumPy's ``out``
 _FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     **{name: (1, getattr(np, name)) for name in _UNARY},
     "arctan2": (2, np.arctan2),
@@ -146,7 +146,7 @@ def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
         case ast.Constant(bool() | complex() | str() | bytes() | None as other):
             raise ValueError(f"{brief(other)} is not a real number")
         case ast.Constant(int() | float() as number):
-            return np.float64(number)  # not int, so that 9**9**9 is infinite without delay
+            return np.float64(number)  # unlike with int, 9**9**9 is infinite without delay
         case ast.Name(name) if name in names:
             return names[name]
         case ast.UnaryOp(op, operand) if type(op) in _OPERATORS:

@@ -85,7 +85,7 @@ class Permuted(Family):
     path: str = parameter(
         file_name(*VALUES_ENDINGS), "file with one vertex number per vertex; or mirror, or rotation"
     )
-    function: Spec  # in parentheses after the path
+    function: Spec  # function in parentheses after the path
 
     def __str__(self) -> str:
         return f"{self.family}:{quoted(self.path)}({self.function})"

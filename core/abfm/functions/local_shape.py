@@ -138,7 +138,7 @@ class ShapeDiameter(Family):
 
     The rays are a fixed spiral, even in solid angle. It is oriented along the longest edge at the
     vertex, or along each of several equally long ones. The result is thus reproducible, and
-    invariant to motions of the mesh. On a sphere of radius R it is 1.72 R.
+    invariant to motions of the mesh. On a sphere of radius R the diameter is 1.72 R.
     """
 
     family = "shape-diameter"

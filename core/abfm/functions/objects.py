@@ -90,14 +90,14 @@ def values_of_object(mesh: TriangleMesh, source: Any) -> ObjectValues | None:
     side = side_of(mesh.structure) or ""
     if has(source, "vertices", "data", "tmin", "tstep"):
         return ObjectValues(_of_sources(source, side), are_sources=True)
-    if has(source, "mesh", "data") and has(source.data, "parts"):  # SurfaceImage
+    if has(source, "mesh", "data") and has(source.data, "parts"):  # a SurfaceImage of nilearn
         source = source.data
-    if has(source, "parts"):  # PolyData
+    if has(source, "parts"):  # a PolyData of nilearn
         return ObjectValues(Columns(np.asarray(_part(source.parts, side))))
     if has(source, "to_bytes", "darrays"):  # GIFTI, also with types outside of the standard
         opened = Opened(Path("the image"), Format.GIFTI, source.to_bytes(mode="force"))
         return ObjectValues(columns_of(opened, request_for(mesh)))
-    if has(source, "to_bytes", "nifti_header"):  # CIFTI
+    if has(source, "to_bytes", "nifti_header"):  # a CIFTI image of nibabel
         opened = Opened(Path("the image"), Format.CIFTI, source.to_bytes())
         return ObjectValues(columns_of(opened, request_for(mesh, None, side)))
     if has(source, "dataobj", "affine"):

@@ -74,7 +74,7 @@ class Scaled(Family):
     positional = "factor"
     factor: float = parameter(NUMBER, "factor of the values")
     offset: float = parameter(NUMBER, "offset added after the multiplication", default=0.0)
-    function: Spec  # in parentheses after the numbers
+    function: Spec  # function in parentheses after the numbers
 
     def __str__(self) -> str:
         return f"{super().__str__()}({self.function})"

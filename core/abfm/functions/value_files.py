@@ -75,7 +75,7 @@ class Request(NamedTuple):
 
     counts: tuple[int, ...] = ()  # numbers of vertices of the mesh and of its file
     array: str | None = None  # name of an array, for files with several
-    hemisphere: str = ""  # for files with both: "L", "R", or empty for the hemisphere of the mesh
+    hemisphere: str = ""  # "L" or "R" in files with both; empty for the hemisphere of the mesh
     integers: bool = False  # whether integers, such as vertex numbers, are expected
     mesh: TriangleMesh | None = None
     """Surface of the values, whose hemisphere is compared with that of the file."""
@@ -388,7 +388,7 @@ def _cifti(opened: Opened, request: Request) -> Columns:
 def _npz(opened: Opened, request: Request) -> Columns:
     try:
         return _of_arrays(Archive(BytesIO(opened.data)), request)
-    except (OSError, ValueError):  # includes SeveralArraysError
+    except (OSError, ValueError):  # SeveralArraysError is a ValueError
         raise
     except Exception as error:  # a damaged zip can cause any error in its reader
         reason = one_line(error, 300)

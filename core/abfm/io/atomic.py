@@ -53,7 +53,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             if target.exists():
                 shutil.copymode(target, temporary)
             temporary.replace(target)
-            if os.name == "posix":  # so that the rename survives a power cut; not for Windows
+            if os.name == "posix":  # makes the rename survive a power cut; Windows cannot do this
                 descriptor = os.open(target.parent, os.O_RDONLY)
                 try:
                     os.fsync(descriptor)
@@ -174,7 +174,7 @@ def _created(path: Path, is_folder: bool) -> int | None:
             return None
         if os.fstat(descriptor).st_nlink:
             return descriptor
-        os.close(descriptor)  # it was removed after it was opened, but before it was locked
+        os.close(descriptor)  # the file was removed after it was opened, but before it was locked
 
 
 def _locked(path: Path, flags: int = 0) -> int:

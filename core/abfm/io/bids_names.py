@@ -23,7 +23,7 @@ _ENTITY = re.compile(rf"([A-Za-z]+)-({_VALUE.pattern})")
 _WORD = re.compile(r"[0-9A-Za-z]+")
 _EXTENSION = re.compile(r"(\.[0-9A-Za-z]+)+")
 _FREESURFER = re.compile(r"[lr]h\.([0-9A-Za-z]+)")
-_EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # in names not of BIDS
+_EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # if a name is not of BIDS
 
 
 class BidsName(NamedTuple):

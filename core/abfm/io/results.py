@@ -30,8 +30,8 @@ SIZE_MAX = 1e154
 """
 # largest number of unused vertices of the mesh file; vertex maps have a line for each of them
 _DROPPED_VERTICES_MAX = 10_000_000
-_REASON_LENGTH_MAX = 400  # characters
-_TEXT_LENGTH_MAX = 10_000  # characters
+_REASON_LENGTH_MAX = 400  # characters of a reason
+_TEXT_LENGTH_MAX = 10_000  # characters of a text
 _FILE_BYTES_MAX = 1 << 40  # results of thousands of frames exceed the limit for other files
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
@@ -190,7 +190,7 @@ CORRESPONDENCE = FileKind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_E
 _MAP_ENTRIES = {
     "notes": Entry("text", ("K",), required=False),
     "warnings": Entry("text", ("W",), required=False),
-    "registration_verdict": Entry("text", (4,), required=False),  # like `verdict`
+    "registration_verdict": Entry("text", (4,), required=False),  # parts like those of `verdict`
     "a_functions": Entry("real", ("VA", "C"), required=False),  # as compared with those of B
 }
 REGISTRATION = FileKind(

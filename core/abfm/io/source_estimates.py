@@ -64,7 +64,7 @@ def write_stc(
     other = _other_hemisphere(path)
     try:
         content = read_bytes(other) if other.is_file() else b""
-        if content and content[8:12] != bytes(4):  # the number of its vertices
+        if content and content[8:12] != bytes(4):  # the number of vertices is not 0
             count = read_stc(content).values.shape[1]
             fits = content[:8] == head and count == len(seconds)
             note = f"MNE cannot open the file together with {other.name}, which has other times"

@@ -39,7 +39,7 @@ class Log2Statistics(NamedTuple):
     """Statistics over a surface of the absolute value of a base-2 logarithm, weighted by area."""
 
     mean: float
-    p95: float  # 95th percentile
+    p95: float  # 95th percentile; p98 is the 98th
     p98: float
     maximum: float
 

@@ -47,7 +47,7 @@ class Image(NamedTuple):
     faces: IntArray  # (V_B,), faces of A with the images of B's vertices
     places: FloatArray  # (V_B, 3), positions of these images in space
     targets: FloatArray  # (V_B, 3), target positions
-    weights: FloatArray  # (V_B,), of squared distances from the targets
+    weights: FloatArray  # (V_B,), weights of squared distances from the targets
 
 
 @unfused_kernel

@@ -120,8 +120,8 @@ def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArra
 class MapQuality:
     """Distances of the images from the surface before projection, and folded faces."""
 
-    largest_distance: float  # sqrt(area)
-    rms_distance: float  # sqrt(area)
+    largest_distance: float  # in sqrt(area)
+    rms_distance: float  # in sqrt(area)
     folded: float  # share of the faces, 0 to 1, that are flipped
 
     @property

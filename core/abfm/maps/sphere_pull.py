@@ -26,8 +26,8 @@ class MoveArrays(NamedTuple):
     """Arrays for the moves of V vertices."""
 
     moves: FloatArray  # (V, 3)
-    spare: FloatArray  # (V, 3), for temporary values
-    shares: FloatArray  # (V,), of the moves that are taken
+    spare: FloatArray  # (V, 3), temporary values
+    shares: FloatArray  # (V,), shares of the moves that are taken
 
 
 def allocate_moves(count: int) -> MoveArrays:

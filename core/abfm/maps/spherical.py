@@ -95,7 +95,7 @@ class Faces(NamedTuple):
     """The arrays of a layout for kernels."""
 
     corners: IntArray  # (F, 3)
-    neighbours: IntArray  # (F, 3), `TriangleMesh.opposite_slots`
+    neighbours: IntArray  # (F, 3), the mesh's ``opposite_slots``
     directions: FloatArray  # (V, 3)
     sign: float  # -1 for a mirrored layout
 

@@ -118,7 +118,7 @@ def match(
     path, number, reason = solution.path, solution.step, solution.reason
     may_end = reason is not StopReason.CANCELLED or control.skip_checks
     if math.isnan(path[number].verified_residual):
-        with controlled(control, lambda: may_end):  # else verify it even if cancelled
+        with controlled(control, lambda: may_end):  # verified even if cancelled before
             try:
                 path = (*path[:number], _verified(problem, path[number]), *path[number + 1 :])
             except MemoryError:

@@ -95,7 +95,7 @@ class _Places(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    heap: IndexArray  # (E,) edges
+    heap: IndexArray  # (E,) edges, a binary heap by key
     place: IndexArray  # (E,) place of each edge in the heap
     keys: FloatArray  # (E,) squared length of each edge, or infinite
 
@@ -132,7 +132,7 @@ def _collapse_edges(
         for corner in star[: fill_star(star, twins, places.corner_of[u])]:
             spoke, rim = next_slot(corner), edges[corner]
             _rekey(queue, edges[spoke], _squared_length(surface, u, faces[next_slot(spoke)]))
-            if keys[rim] == np.inf:  # it could not collapse before
+            if keys[rim] == np.inf:  # the edge could not collapse before
                 ends = faces[spoke], faces[next_slot(spoke)]
                 _rekey(queue, rim, _squared_length(surface, ends[0], ends[1]))
 

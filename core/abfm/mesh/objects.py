@@ -123,7 +123,7 @@ def _lists(source: Any, name: str) -> tuple[IntArray, IntArray]:
 
 def _of_cells(source: Any) -> FileContents:
     """Read the triangles, quadrilaterals and polygons of a mesh of meshio or vedo."""
-    blocks = [("polygon", source.cells)]  # vedo
+    blocks = [("polygon", source.cells)]  # a mesh of vedo
     if all(has(block, "type", "data") for block in source.cells):
         blocks = [(str(block.type), block.data) for block in source.cells]
     sizes, corners = [], []

@@ -71,7 +71,7 @@ def stepped_slab(squares: int) -> TriangleMesh:
     about z maps vertices to vertices.
     """
     slab = {(x, y, 0) for x in range(4) for y in range(3)} - {(0, 2, 0), (3, 0, 0)}
-    cubes = slab | {(1, 1, 1), (2, 1, 1)}  # by their lowest corners
+    cubes = slab | {(1, 1, 1), (2, 1, 1)}  # each cube by its lowest corner
     steps = np.indices((squares, squares)).reshape(2, -1).T[:, None]
     around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     corners = []  # (4, 3) corners of each square, in units of the side of a square

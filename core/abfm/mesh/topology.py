@@ -19,7 +19,7 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         sides[:, corner] = np.minimum(start, end) * vertex_count + np.maximum(start, end)
     keys, order = _sorted_with_places(sides.ravel(), vertex_count**2)
-    del sides  # of meshes with millions of faces, these need much memory
+    del sides  # for meshes with millions of faces, the array needs much memory
     first = np.append(True, keys[1:] != keys[:-1])
     face_edges = np.empty_like(order)
     face_edges[order] = np.cumsum(first) - 1

@@ -41,7 +41,7 @@ def factor(matrix: sparse.csr_array) -> Solve:
     unknowns = matrix.shape[0]
     if unknowns == 0:  # the mesh has no inner vertices; both libraries refuse an empty matrix
         return np.copy
-    # in unknowns of a scalar system on vertices, which has seven entries per row
+    # number of unknowns of an equally costly scalar system, which has seven entries per row
     work = unknowns * max(1.0, matrix.nnz / unknowns / 7) ** 2
     if is_factored_in_subprocess(work):
         return _SubprocessFactor(matrix)
@@ -133,6 +133,6 @@ class _FactorHolder:
         self._solve = _factored(matrix)
 
     def solve(self, b: FloatArray) -> FloatArray:
-        if self._solve is None:  # this subprocess replaced the one that had factored
+        if self._solve is None:  # this subprocess replaces the one that had factored
             raise MemoryError("the process that factored a linear system has ended")
         return self._solve(b)

@@ -25,7 +25,7 @@ _TABLES = dict(zip((*NAMES, *_DARK_NAMES.values()), np.split(_ROWS, 8, axis=1), 
 NO_VALUES = 0.3  # grey of unknown values, in linear light
 # percentiles of values at the ends of the colours, which exclude extreme noise
 _SHOWN_PERCENTILES = 0.2, 99.8
-CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
+CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # two colours in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
 

@@ -40,7 +40,7 @@ RESULT_VERTICES_MAX = 100_000
 """Maximum number of vertices of a result in a notebook; larger pages would take long."""
 BYTES_MAX = 6_000_000  # maximum number of characters of a page in a notebook
 DATA_SHARE = 0.1  # fraction of the values, arrows and lines of a full page that a notebook shows
-_HEIGHT = 440  # pixels
+_HEIGHT = 440  # height in pixels
 _COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
 
 

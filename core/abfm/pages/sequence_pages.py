@@ -86,7 +86,7 @@ def sequence_page(
         _layer(name, values, sequence.middles, unit, labels.share)
         for name, values in (("divergence", sequence.divergence), ("curl", sequence.curl))
     ]
-    lines = [_path_lines(sequence)] if labels.share == 1 else []  # initially hidden
+    lines = [_path_lines(sequence)] if labels.share == 1 else []  # path lines are initially hidden
     paths = [_arrows(sequence, labels.share), *lines, *_tracks(sequence)]
     spans = [
         Span(start, end, f"interval {i + 1}: {interval_headline(sequence, i)}", verdict.kind.tone)

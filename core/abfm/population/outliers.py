@@ -60,13 +60,13 @@ class OutlierAnalysis:
 
     fits: BoolArray  # (N,) whether each subject is included
     reasons: tuple[str, ...]  # why each subject is excluded; empty for included subjects
-    similarities: tuple[Similarity, ...]  # of each subject to the others
+    similarities: tuple[Similarity, ...]  # similarity of each subject to the others
 
 
 class ComparisonData(NamedTuple):
     """Data of N subjects on the template that are compared with each other."""
 
-    values: Sequence[FloatArray]  # (N, V), for each channel used for registration
+    values: Sequence[FloatArray]  # (N, V), values of each channel used for registration
     masks: FloatArray  # (N, V), nonnegative, 0 where a subject is unknown
     weights: FloatArray  # (N,) weights in means; subjects of weight 0 are also checked
     areas: FloatArray  # (V,)

@@ -209,7 +209,7 @@ class PopulationSolver:
         """Register all subjects to a target; return the ledger entries, also to ``on_change``."""
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
-        ledger.write_rows(rows, f"round {number} of a population")  # for `abfm batch --status`
+        ledger.write_rows(rows, f"round {number} of a population")  # read by `abfm batch --status`
         with step(
             f"round {number}: registering", len(rows), f" {counted(len(rows), 'subject')}"
         ) as done:

@@ -147,7 +147,7 @@ def function_text(given: str, folder: str | os.PathLike[str]) -> str:
     path = Path(folder, os.path.expanduser(given))
     try:
         is_file = path.is_file()
-    except (OSError, ValueError):  # not a valid file name
+    except (OSError, ValueError):  # the text is not a valid file name
         is_file = False
     if is_file:
         return f"file:{quoted(os.fspath(path))}"

@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 class Target(NamedTuple):
     """Functions on the template that subjects are registered to, with a mask."""
 
-    functions: FloatArray  # (C, V), of the channels used for registration
+    functions: FloatArray  # (C, V), functions of the channels used for registration
     mask: FloatArray  # (V,)
 
     @classmethod

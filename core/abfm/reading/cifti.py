@@ -195,7 +195,7 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     Errors are those of `read_cifti`.
     """
     nifti: Any = import_module("nibabel.nifti2")
-    heads = [int.from_bytes(data[:4], order) for order in ("little", "big")]  # header size
+    heads = [int.from_bytes(data[:4], order) for order in ("little", "big")]  # size of the header
     kind = nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header
     if len(data) < kind.sizeof_hdr:
         raise ValueError(

@@ -59,8 +59,8 @@ class Columns:
     """
 
     values: NDArray[Any]
-    names: tuple[str, ...] = ()  # of the columns (the last axis); empty if the file has none
-    numbers: tuple[str, ...] = ()  # by which columns are chosen; empty for 0, 1, 2, ...
+    names: tuple[str, ...] = ()  # names of the columns (the last axis); empty if the file has none
+    numbers: tuple[str, ...] = ()  # numbers that choose columns; empty for 0, 1, 2, ...
     # labels of each column, None for a column of values; empty if no column has labels
     keys: tuple[Keys | None, ...] = ()
     vertices: IntArray | None = None  # (n,), vertices of the rows, from 0, without repetitions
@@ -114,7 +114,8 @@ class Columns:
         table = np.moveaxis(found.values, axis, 0)
         table = mesh.restrict(as_float64(table.reshape(len(table), -1)))
         named_count, count = len(found.names or found.numbers), table.shape[1]
-        if named_count and (named_count != count or (axis and count > 1)):  # of another axis
+        if named_count and (named_count != count or (axis and count > 1)):
+            # the names are those of another axis
             names = found.names if len(found.names) == 1 else ()
             parts = tuple(f"{name}[{k}]" for name in names for k in range(count))
             return replace(found, values=table, names=parts, keys=(), numbers=parts)

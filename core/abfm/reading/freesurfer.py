@@ -252,7 +252,7 @@ def _table(reader: _BytesReader) -> list[tuple[int, str, tuple[int, int, int, in
     if version not in (1, 2):
         raise ValueError(f"the colour table has version {version}; expected 1 or 2")
     if version == 2:
-        reader.count("colours")  # an upper bound
+        reader.count("colours")  # this number is only an upper bound
     reader.text()  # the file that the table was read from
     count = count if version == 1 else reader.count("colours")
     found = []

@@ -24,7 +24,8 @@ _WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
 _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
-_ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # in Excel
+# errors in cells of Excel
+_ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")
 _MISSING_WORDS = ("na", "n/a", "<na>", "nan", "null", "none", "missing", ".")
 _MISSING_VALUES = (*_MISSING_WORDS, *map(str.lower, _ERRORS))
 _TRUTH = {"true": "1", "false": "0"}
@@ -221,7 +222,7 @@ def _separator(line: str) -> str | None:
     if found != ",":
         return found
     words = outside.split()
-    has_decimals = len(words) > 1 and all(map(is_number, words))  # such as 0,5 1,5
+    has_decimals = len(words) > 1 and all(map(is_number, words))  # words such as 0,5 1,5
     return None if has_decimals and not all(map(is_number, outside.split(","))) else ","
 
 
@@ -230,7 +231,7 @@ def _split(line: str, separator: str | None) -> list[str]:
         return [word.strip('"') for word in _WORD.findall(line)]
     try:
         return next(csv.reader([line], delimiter=separator))
-    except csv.Error as error:  # not a ValueError
+    except csv.Error as error:  # this is not a ValueError
         raise ValueError(str(error)) from None
 
 

@@ -29,7 +29,7 @@ def xml_tree(content: bytes) -> Element:
         parser.Parse(content, True)
     except expat.ExpatError as error:
         raise ValueError(f"the file is not XML, or is cut off: {error}") from error
-    except LookupError as error:  # from Python's table of encodings
+    except LookupError as error:  # Python has no such encoding
         raise ValueError(f"the XML has an {error}; expected UTF-8") from error
     return builder.close()
 

@@ -464,7 +464,7 @@ def _checked_sequence(
     measures: list[IntervalMeasures] = []
     with step("checking by flow lines") as report, ThreadPoolExecutor(_THREADS) as threads:
         try:
-            # in this thread, to report the compilation of kernels
+            # the first interval in this thread, to report the compilation of kernels
             measures.append(solver.measures(0))
             report(1 / count)
             for found in threads.map(solver.measures, range(1, count)):

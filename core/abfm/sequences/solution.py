@@ -79,7 +79,7 @@ class Solution:
     parameters: SequenceParameters = field(repr=False)
     gamma: float
     sigma: float
-    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3), see `IntervalMeasures`
+    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3), energies of `IntervalMeasures`
     residual: FloatArray = field(repr=False)
     verified_residual: FloatArray = field(repr=False)
     folded: FloatArray = field(repr=False)

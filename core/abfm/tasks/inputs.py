@@ -89,7 +89,7 @@ def hint(text: str) -> str:
 class Input:
     """An input of a task: a column of tables, and an option of the task's command."""
 
-    name: str  # of the column, and of the option after ``--``
+    name: str  # name of the column, and of the option after ``--``
     help: str  # one line for ``--help``
     read: Callable[[str], Any] = str  # parses a text and returns its value, or raises an AbfmError
     # name of the value in ``--help``, one word for each value; empty for a flag, whose text is

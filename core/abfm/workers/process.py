@@ -142,6 +142,6 @@ def _end(
     with receiving:
         received.close()
     assert process.stdin is not None
-    # otherwise Python reports unread data when it destroys the pipe
+    # closed here, as Python otherwise reports unread data when it destroys the pipe
     with suppress(OSError, ValueError):
         process.stdin.close()

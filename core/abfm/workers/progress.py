@@ -88,12 +88,12 @@ _outer: ContextVar[Step | None] = ContextVar("enclosing step", default=None)
 # Seconds per unit of work of steps by their names, on a machine with two cores, before this process
 # measures them.
 INITIAL_RATES: dict[str, float] = {
-    "making coarser meshes": 1.2e-5,  # per vertex
-    "factoring": 1.4e-8,  # per unknowns^(3/2)
-    "factoring for distances": 2.6e-7,  # per vertices^(3/2)
-    "checking by flow lines": 1.6e-5,  # per vertex
-    "searching for symmetries": 4.5e-5,  # per vertex
-    "reading": 1e-7,  # per byte
+    "making coarser meshes": 1.2e-5,  # seconds per vertex
+    "factoring": 1.4e-8,  # seconds per unknowns^(3/2)
+    "factoring for distances": 2.6e-7,  # seconds per vertices^(3/2)
+    "checking by flow lines": 1.6e-5,  # seconds per vertex
+    "searching for symmetries": 4.5e-5,  # seconds per vertex
+    "reading": 1e-7,  # seconds per byte
 }
 # seconds per unit of work, and the amount of work for which this process measured it
 _rates = {name: (seconds, 0.0) for name, seconds in INITIAL_RATES.items()}

@@ -43,7 +43,7 @@ class DaemonThreads(Executor):
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(function(*given, **named))
-                except BaseException as error:  # also SystemExit: the thread continues
+                except BaseException as error:  # after SystemExit too, the thread continues
                     future.set_exception(error)
 
         with self._condition:

@@ -325,7 +325,7 @@ class Server:
             with reporting_steps(partial(answer, "step")), controlled(self._controls[number]):
                 value = function(self._state, *given)
             answer("value", value)
-        except BaseException as error:  # also SystemExit: the caller needs an answer
+        except BaseException as error:  # after SystemExit too, the caller needs an answer
             answer("error", _sendable(error))
         finally:
             _answer.reset(answering)

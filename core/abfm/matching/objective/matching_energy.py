@@ -143,13 +143,13 @@ class Objective:
     landmarks from their target points.
     """
 
-    regularity: Regularizer  # ``R``
+    regularity: Regularizer  # matrix ``R`` of the norm
     sources: FloatArray  # the sources of all data terms, (C, V)
     # energies of the data terms, and the derivative of their sum by the advected functions
     misfit: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
     flow: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     tau: float
-    gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
+    gradient: Callable[[FloatArray], Adjoint | Bracket]  # method at coefficients (N, F, 2)
     shift: FloatArray | float = 0.0  # subtracted from the advected functions
     # the landmark term at frame coefficients (N, F, 2)
     landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None

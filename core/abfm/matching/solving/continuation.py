@@ -67,7 +67,7 @@ class Sweep:
     """Values of sigma that are minimised one after the other on one level."""
 
     level: int
-    sigmas: tuple[float, ...]  # remaining values
+    sigmas: tuple[float, ...]  # remaining values of sigma
     at: FloatArray | Evaluation | None = None  # first fields (N, F, 2), by default the origin's
     origin: StepResult | None = None  # step of a coarser level, with the score of the results
     reach: float = 0.0  # reach of the next stage; 0 once the target is found
@@ -142,7 +142,7 @@ def init(energy: MatchingEnergy, record: Record) -> State:
         finer = start_on_finer(energy, levels)
         is_missed = finer is None and misses_target(energy, *at_rest[-1])
     if schedule.is_measured and p.solver.iterations:
-        # not from the start, which was fitted to the held-out values
+        # a start is not used, as it was fitted to the held-out values
         start, finer, is_missed = None, None, True
     sweep: Sweep | None = None
     variants: tuple[Variant, ...] = (variant,)

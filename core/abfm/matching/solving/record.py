@@ -88,7 +88,7 @@ class StepResult:
     x: FloatArray  # frame coefficients (N, F, 2)
     advected: FloatArray  # the advected functions of all terms, (C, V)
     residual: float
-    measures: Mapping[str, float] = field(default_factory=dict)  # see `flow_line_measures`
+    measures: Mapping[str, float] = field(default_factory=dict)  # numbers of `flow_line_measures`
     score: Score = Score()
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:

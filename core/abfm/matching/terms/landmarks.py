@@ -30,7 +30,7 @@ class LandmarkMisfit(NamedTuple):
     """The landmark term at some fields."""
 
     energy: float
-    errors: FloatArray  # (L,), see `Landmarks.errors`
+    errors: FloatArray  # (L,), errors of `Landmarks.errors`
     differentiate: Callable[[], FloatArray]  # the derivative by the fields, (N, F, 2)
 
 
@@ -38,7 +38,7 @@ class LandmarkCurvature(NamedTuple):
     """Factors of the derivative ``J^T D r`` and of the approximate second one, ``J^T D J``."""
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
-    weights: FloatArray  # (2 L,), D
+    weights: FloatArray  # (2 L,), diagonal matrix D
     residuals: FloatArray  # (2 L,), r, for each landmark a vector with the length of its error
 
 

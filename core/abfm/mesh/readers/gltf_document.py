@@ -39,7 +39,8 @@ _SHAPES |= {
 }
 
 
-_TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}  # in JSON
+# names of types in JSON
+_TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}
 
 
 def of(entry: Any, name: str, kind: type, default: Any) -> Any:

@@ -23,7 +23,7 @@ _BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE
 _COMMENT = re.compile(r"#[^\n]*+")
 _EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # count that follows the others
 _NORMAL_COLUMNS = 3
-_COLOR_COLUMNS = (4, 3)  # with and without opacity
+_COLOR_COLUMNS = (4, 3)  # numbers of a colour with and without opacity
 _TEXTURE_COLUMNS = 2
 
 _Parts = tuple[FloatArray, IntArray, IntArray]

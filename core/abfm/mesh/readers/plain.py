@@ -11,7 +11,7 @@ from abfm.types import FloatArray
 from abfm.wording import counted
 
 _HEAD = 1000  # a binary file has a zero byte in this number of characters
-_COMMENT = re.compile(r"#.*")  # to the end of its line, even after a backslash
+_COMMENT = re.compile(r"#.*")  # a comment ends with its line, even after a backslash
 _OLD_KEYWORDS = {"fo": "f"}  # OBJ keywords of old files
 _STL_HEADER = 84  # bytes: 80 of a comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])

@@ -118,7 +118,7 @@ def _contents(body: "_Body", elements: Sequence[_Element]) -> PlyFile:
         elif element.name in ("face", "tristrips") and element.rows:
             name = _name_of_corners(element)
             corners, sizes = body.take(element, {name})[name]
-            assert sizes is not None  # of a list
+            assert sizes is not None  # the property is a list
             if corners.dtype.kind == "f":
                 raise ValueError("the vertex numbers of faces have a float type; expected integers")
             if element.name == "tristrips":

@@ -38,7 +38,7 @@ KINDS: tuple[MotionKind, ...] = get_args(MotionKind)
 
 _SCREENING_POINTS = 150  # points of each surface for the comparison of starts
 _REFINING_POINTS = 2100  # points of each surface for the refinement
-_ITERATIONS_MAX = 60  # each finds closest points and then the best motion
+_ITERATIONS_MAX = 60  # each iteration finds closest points and then the best motion
 _SCREENING_ROUNDS = (0, 16), (8, 3)  # iterations for each start, and number of starts that remain
 _FITTED_SHARE = 0.8  # share of the pairs, the closest ones, that a motion is fitted to
 _GAIN_SHARE_MIN = 1e-5  # iterations stop if the RMS distance falls by a smaller share
@@ -53,7 +53,7 @@ class Alignment:
 
     rotation: FloatArray  # (3, 3), orthogonal, with determinant -1 for a mirror image
     scale: float
-    shift: FloatArray  # (3,), in A's units
+    shift: FloatArray  # (3,), translation in A's units
     rms: float  # RMS distance between the aligned surfaces, in sqrt(area) of A
 
     def __call__(self, points: FloatArray) -> FloatArray:

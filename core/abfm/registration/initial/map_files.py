@@ -54,7 +54,7 @@ def _of_pairs(
     numbers = table - 1 if path.lower().endswith(".vts") else table
     # several vertices may have the same image in a map, but not in landmarks
     is_map = np.array_equal(np.sort(numbers[:, 1]), b.numbered[0])
-    if not is_map and open_file(path).format is Format.TABLE:  # such a table may contain names
+    if not is_map and open_file(path).format is Format.TABLE:  # a table may name landmarks
         return read_landmarks(a, b, path)
     wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
     try:

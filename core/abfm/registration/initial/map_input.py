@@ -19,7 +19,7 @@ class MapInput(NamedTuple):
     g: FloatArray | None = None  # (C, V_B), functions of B
     mask_a: FloatArray | None = None  # (V_A,)
     mask_b: FloatArray | None = None  # (V_B,)
-    weights: FloatArray | None = None  # (C,), of the channels
+    weights: FloatArray | None = None  # (C,), weights of the channels
     landmarks: Landmarks | None = None
 
 

@@ -38,7 +38,7 @@ _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a plausible map, see `_checked`
 class InitialMapMethod(NamedTuple):
     """A method that finds an initial map."""
 
-    form: str  # how it is written
+    form: str  # how the method is written
     about: str  # a short description
     find: Callable[[MapInput, list[str]], Initial]  # takes the arguments after the colon
 

@@ -23,7 +23,7 @@ class Spectra(NamedTuple):
 
     values: tuple[FloatArray, FloatArray]  # (K,), eigenvalues
     functions: tuple[FloatArray, FloatArray]  # (P, K), eigenfunctions at P points
-    brackets: tuple[FloatArray, FloatArray]  # (n, n, m), see `side`
+    brackets: tuple[FloatArray, FloatArray]  # (n, n, m), used by `side`
 
     @classmethod
     def of(cls, a: TriangleMesh, b: TriangleMesh, k: int, count: int) -> Spectra:

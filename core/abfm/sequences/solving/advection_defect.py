@@ -15,7 +15,7 @@ from abfm.matching.objective.matching_energy import MatchingEnergy, advect_funct
 from abfm.sequences.noise import means_of_neighbours
 from abfm.types import FloatArray
 
-_SMOOTHING_STEPS = 4  # each moves values halfway to the mean of their neighbours
+_SMOOTHING_STEPS = 4  # a step moves values halfway to the mean of their neighbours
 
 
 def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:

@@ -194,7 +194,7 @@ class SequenceSolver:
                 is_settled = not before - self.energies[i] > _GAIN_SHARE_MIN * before
                 self.swept_intervals += _SWEEPS_MAX - times if is_settled else 1
                 if self.swept_intervals % _SWEEPS_MAX == 0:
-                    del self._defects[i]  # not needed again
+                    del self._defects[i]  # the defect is not needed again
                 report(self.swept_intervals / (_SWEEPS_MAX * count))
                 on_step()
 

@@ -37,12 +37,12 @@ class CoarseShape(NamedTuple):
     """A surface scaled to unit area, with V vertices."""
 
     mesh: TriangleMesh
-    areas: FloatArray  # (V,), of sum 1
-    stiffness: sparse.csr_array  # (V, V), of clipped cotangent weights
+    areas: FloatArray  # (V,), areas with the sum 1
+    stiffness: sparse.csr_array  # (V, V), Laplacian of clipped cotangent weights
     distances: FloatArray  # (V, V), along the surface
     coordinates: FloatArray  # (V, 8), with Euclidean distances close to those along the surface
     stretch: float  # Dirichlet energy of the coordinates
-    descriptors: FloatArray  # (V, 5), see `ranks`
+    descriptors: FloatArray  # (V, 5), ranks of functions
     eigenvalues: FloatArray  # (K,)
     eigenfunctions: FloatArray  # (V, K)
 

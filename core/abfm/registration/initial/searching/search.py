@@ -85,7 +85,7 @@ class Pair(NamedTuple):
     descriptors: tuple[FloatArray, FloatArray]  # (V_A, C) and (V_B, C)
     weights: FloatArray  # (C,)
     landmarks: tuple[IntArray, IntArray]  # (L,) vertices
-    landmark_weights: FloatArray  # (L,), of sum 1
+    landmark_weights: FloatArray  # (L,), weights with the sum 1
 
     def relax(
         self, start: TwoWayMap, penalties: FloatArray, descriptor_weight: float, iterations: int
