@@ -325,7 +325,7 @@ def test_special_files_are_refused(tmp_path, suffix, form):
 
 
 def test_line_of_other_length_is_named(tmp_path):
-    """An error names the line of another length, without NumPy's advice and unprintable names."""
+    """An error names the line of another length, without NumPy's advice; odd names are readable."""
     (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
     check_message(error_line(tmp_path / "a.csv"), 2, 3)
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):

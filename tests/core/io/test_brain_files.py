@@ -230,7 +230,7 @@ def test_meshes_have_a_structure(tmp_path, name, structure):
     ],
 )
 def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
-    """Vertices without a label (-1) get a new key named unknown."""
+    """Vertices without a label (-1) get a key named unknown that no other label has."""
     write_labels(tmp_path / "a.label.gii", Labels(np.array(keys), names))
     found = read_labels(tmp_path / "a.label.gii")
     assert found.values.tolist() == [keys[0], unknown, keys[2]]

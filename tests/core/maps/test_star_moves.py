@@ -46,7 +46,7 @@ def test_step_of_any_model_descends(bend):
 
 
 def test_shape_gives_the_dirichlet_energy():
-    """The identity has an energy of twice the area."""
+    """The identity has an energy of twice the area, within 3%: sides are lengthened by 1%."""
     corners = np.array([[0.0, 0, 0], [1, 0.2, 0], [0.3, 0.9, 0.4]])
     *weights, area = shape(*corners)
     sides = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)

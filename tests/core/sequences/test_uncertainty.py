@@ -122,8 +122,8 @@ def test_masked_places_are_not_determined():
 def test_integrals_equal_those_of_the_plane():
     """The number of determined modes and the scatter equal integrals over modes of the plane.
 
-    For one interval, the norm of order 1, data of precision d, and K = 4 pi V, these are ``d /
-    (4 pi) log((1 + K + d) / (1 + d))`` and ``d / (4 pi) (1 / (1 + d) - 1 / (1 + K + d))``.
+    For one interval, the norm of order 1, data of precision d, and K = 4 pi V, these are
+    ``d / (4 pi) log((1 + K + d) / (1 + d))`` and ``d / (4 pi) (1 / (1 + d) - 1 / (1 + K + d))``.
     """
     found = replace(solved()[0], gamma=0.0)
     integrals, k = _Integrals.of(found), 4 * np.pi * len(SPHERE.vertices)

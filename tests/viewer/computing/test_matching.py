@@ -258,7 +258,7 @@ def test_failed_restart_keeps_the_result(running):
 
 
 def test_killed_process_leaves_a_requested_field(running, functions):
-    """A requested field is the result if the process is killed; the next run has another one."""
+    """A requested field is the result if the process is killed; the next run does not return it."""
     found, _ = running.unfinished(running.snapshot, functions)
     result, record, _ = running.killed()
     check_message(running.run.reason)

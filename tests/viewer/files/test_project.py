@@ -614,7 +614,7 @@ def origin(tmp_path):
 
 
 def test_origin_notices_changes_of_its_file(origin):
-    """A changed or missing file does not equal its recorded origin."""
+    """A changed time or size of the file is noticed; a removed file does not exist."""
     assert (origin.exists, origin.changed) == (True, False)
     state = origin.path.stat()
     origin.path.write_text("two")

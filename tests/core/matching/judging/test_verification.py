@@ -81,7 +81,10 @@ def test_discrete_match_of_noise_is_not_confirmed():
 
 
 def test_rough_fields_flip_faces_or_overflow():
-    """Flow lines of rough fields have no folds; for the zero field, the residual is known."""
+    """Flow lines of rough fields flip faces without folds; overflow makes the residual infinite.
+
+    For the zero field, the residual is known.
+    """
     mesh = icosphere(3)
     f, g, field = rotated(mesh, AXIS, 0.2)
     smooth, rough = (

@@ -80,7 +80,7 @@ def test_gradient_is_exact(mesh, order, reach, channels, kind):
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
 @pytest.mark.parametrize("reach", REACHES)
 def test_gradient_is_exact_for_truncated_series(tolerance, reach):
-    """The Taylor steps are so small that they do not change the number of terms."""
+    """The gradient of truncated series is exact: Taylor steps do not change the number of terms."""
     E = energy(CLOSED, 3, order=2)
     assert order_at(E, frames(CLOSED, 1), 1e-3, reach=reach, tolerance=tolerance) >= 1.9
 
