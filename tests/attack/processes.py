@@ -134,7 +134,7 @@ def _send(process, number, mode, after):
 
 
 def _faults_of_files(folder, files, needs_result):
-    """Return the faults of the files that a command left."""
+    """Return the faults of the files that a command left behind."""
     left = {path.name for path in folder.rglob("*")} - {"tmp", "recent.json", "preferences.json"}
     yield from (f"{name} is left" for name in sorted(left - files))
     for name in sorted(left & files):

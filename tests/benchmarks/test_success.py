@@ -191,7 +191,7 @@ def test_stopped_run_keeps_finished_problems_and_resumes(report, tmp_path):
     complete = run(folder=tmp_path)
     assert not complete["interrupted"]
     assert before.items() <= {p: p.stat().st_mtime_ns for p in tmp_path.glob("*.npz")}.items()
-    assert complete["rows"][0] == part["rows"][0]  # with the seconds of the ledger
+    assert complete["rows"][0] == part["rows"][0]  # its seconds are read from the ledger
     at_once = run(control=control)
     assert at_once["rows"] == []
     assert "0 of 0" in success.report_text(at_once)

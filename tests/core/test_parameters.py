@@ -55,7 +55,7 @@ def test_segments_depend_on_method():
     ],
 )
 def test_invalid_values_are_refused(changes, named):
-    """The message names the parameter, the value and the allowed range."""
+    """An invalid value is refused; the message names the parameter, value and allowed range."""
     with raises(ParameterError, *named):
         Parameters.of(**changes)
 
@@ -92,7 +92,7 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
 
 @given(sigma=st.none() | st.floats(1e-8, 1e3), factor=st.floats(1.5, 100))
 def test_stage_sigmas_end_at_given_sigma(sigma, factor):
-    """The first stage has a sigma of at most FIRST_SIGMA_MAX."""
+    """The sigmas of stages end at the given one; the first is at most FIRST_SIGMA_MAX."""
     p = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = p.stage_sigmas()
     assert sigmas[-1] == p.last_sigma == (sigma or LAST_SIGMA)

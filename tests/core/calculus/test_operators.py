@@ -140,7 +140,10 @@ def test_hodge_spectrum_combines_two_scalar_spectra(mesh):
 
 
 def test_function_norm_is_the_integral(mesh):
-    """Squared: ``int w f^2 + beta w |grad f|^2``; a face has the least weight of its corners."""
+    """The squared norm is ``int w f^2 + beta w |grad f|^2`` for a weight w.
+
+    The weight of a face is the smallest weight of its corners.
+    """
     f, w = surfaces.random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
     squared_slope = ((op.gradient(mesh) @ f).reshape(-1, 2) ** 2).sum(axis=1)
     for weight, at_vertices, at_faces in ((None, 1.0, 1.0), (w, w, w[mesh.faces].min(axis=1))):
@@ -153,7 +156,10 @@ def test_function_norm_is_the_integral(mesh):
 
 
 def test_vector_norm_is_the_integral(mesh):
-    """``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, by edges and inner vertices."""
+    """The squared norm is ``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``.
+
+    Divergences are integrated over edges, and curls over inner vertices.
+    """
     v, inner = random_field(mesh), ~mesh.is_boundary_vertex
     expected = v @ (op.field_mass(mesh) @ v)
     expected += 0.3 * (op.edge_areas(mesh) * (surfaces.edge_divergence(mesh) @ v) ** 2).sum()

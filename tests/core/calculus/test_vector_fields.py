@@ -55,7 +55,10 @@ def test_derivative_equals_its_definition(mesh):
 
 
 def test_symmetric_part_is_the_divergence(mesh):
-    """The symmetric part of ``G_V D_v`` is ``A^T G_F v / 12``, diagonal ``grad^T G_F v / 3``."""
+    """The symmetric part of ``D_v`` times vertex areas has entries at vertices and edges only.
+
+    They are a third and a twelfth of ``grad^T M v``, with gradients of vertices and edges.
+    """
     v = random_frame_field(mesh)
     matrix = (op.vertex_areas(mesh)[:, None] * vf.directional_derivative(mesh, v)).toarray()
     symmetric = (matrix + matrix.T) / 2

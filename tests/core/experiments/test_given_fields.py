@@ -267,7 +267,7 @@ class TestFigure6:
 
     @ANY
     def test_pushed_fields_differentiate_advected_functions(self, mesh):
-        """Pushed fields commute with advection twice as well as those of the sign printed in the paper."""
+        """Pushed fields commute with advection twice as well as fields of the sign in the paper."""
         example, findings = run(6, mesh)
         for t in ("0.125", "0.25"):
             ours, printed = (

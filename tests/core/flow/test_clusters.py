@@ -282,7 +282,10 @@ F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0
 
 @cache
 def matched(end=None, **changes):
-    """Return a match, perhaps cancelled, levels and sizes of each iterate, and row products."""
+    """Return a match, (level, levels, vertices) of its iterates, and the count of row products.
+
+    With ``end``, the match is cancelled at this iteration.
+    """
     seen, control = [], abfm.workers.Control()
 
     def note(i):

@@ -38,7 +38,7 @@ def test_geodesic_function_is_exact_on_a_rhombus():
 
 
 def test_geodesic_function_is_exact():
-    """Distances are symmetric; on a sphere their error has order 2, that of the polyhedron."""
+    """Distances are symmetric; on icospheres they converge to angles with order 2."""
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)

@@ -41,7 +41,7 @@ class Move:
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float = 1.0
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    seed: int | None = None  # of the renumbering; None for none
+    seed: int | None = None  # of the renumbering; None keeps the numbers
 
     @property
     def rotation(self):

@@ -218,7 +218,7 @@ def test_removed_folder_is_created_again(tmp_path, monkeypatch):
 
 
 def test_files_of_other_computers_are_kept(tmp_path):
-    # named after another computer, or after no process
+    # names with the process of another computer, or without a process
     names = [".abfm-00000000-0123456789ab.npz", ".m-0123456789ab.npz", ".abfm"]
     for name in names:
         (tmp_path / name).touch()

@@ -44,7 +44,7 @@ def test_points_keep_their_spacing_and_cover_the_surface(mesh, spacing):
 
 def test_number_does_not_depend_on_the_triangulation():
     counts = [len(spread(mesh, 0.05)) for mesh in (icosphere(1), icosphere(4), sheet(1.0))]
-    discs = 4 / (np.pi * 0.05**2)  # that fit into the area
+    discs = 4 / (np.pi * 0.05**2)  # the number whose total area is that of the surface
     assert all(0.42 * discs < count < 0.91 * discs for count in counts)
 
 

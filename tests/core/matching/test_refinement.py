@@ -129,7 +129,7 @@ def test_other_data_terms_are_interpolated():
 
 
 def test_refined_start_is_more_accurate_than_copies():
-    """The start is made continuous before it is evaluated on child faces."""
+    """A start on a subdivided mesh has below 35% of the error of fields copied to child faces."""
     for k in (0, 1):
         ball = refined(icosphere(3), k)
         axis, mesh = [0.3, 0.5, 1], refined(ball, 1)

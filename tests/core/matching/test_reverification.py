@@ -76,7 +76,7 @@ def test_zero_field_is_recomputed(found, tmp_path):
     ],
 )
 def test_changes_above_rounding_cause_a_warning(found, tmp_path, changes, has_warning):
-    """Changes of the residual, the advected source or the target are found."""
+    """Changed residuals, advected sources or targets in a file cause a warning."""
     loaded = reloaded(found, tmp_path / "m.npz", **changes)
     assert bool(loaded.load_warning) == has_warning
     check_message(loaded.load_warning)

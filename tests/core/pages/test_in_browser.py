@@ -284,7 +284,7 @@ def test_unknown_values_are_grey(open_page):
 
 
 def test_known_colors_extend_to_unknown_values(open_page):
-    """There is no third colour between grey and the colour of the value."""
+    """Next to grey faces without a value, faces have the colour of the value, without a mixture."""
     shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.0), COLORS)], FRONT)))
     surface = shown.surface(across=0.6)
     hues = np.ptp(surface[surface.min(axis=2) < 250], axis=1)

@@ -222,7 +222,7 @@ def test_template_does_not_drift_to_first_target(tmp_path):
 
     assert off(height(MESH.vertices)) > 0.2
     assert off(found.mean()) < 0.05
-    # small, because the last target is at the center
+    # the drift is small, because the last target is at the center
     assert (
         np.linalg.norm(found.drift, axis=1).mean() < 0.1 * np.linalg.norm(field(1), axis=1).mean()
     )

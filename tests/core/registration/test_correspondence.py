@@ -116,7 +116,7 @@ def test_rotation_has_no_distortion_and_full_coverage():
     large = TriangleMesh(50 * FINE.vertices, FINE.faces)
     found = spheres(large, COARSE)
     distortion = found.distortion()
-    assert distortion.log2_area.maximum < 0.2  # of flat faces of either size
+    assert distortion.log2_area.maximum < 0.2  # both spheres have flat faces
     assert abs(np.average(np.log2(distortion.area), weights=distortion.weights)) < 0.02
     assert distortion.folded == 0
     assert found.coverage() == 1

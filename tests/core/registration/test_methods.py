@@ -110,7 +110,7 @@ def test_every_method_finds_a_moved_body(method):
     f = np.cos(BODY.vertices @ np.random.default_rng(1).normal(size=(3, 3)) * 2)
     prepared = prepare(BODY, other, f, f[order], initial=method, landmarks=landmarks)
     given = prepared.initial
-    assert bool(prepared.warnings) == (method == "embedding")  # which distorts limbs
+    assert bool(prepared.warnings) == (method == "embedding")  # embeddings distort limbs
     gaps = np.linalg.norm(given.points.positions - BODY.vertices[order], axis=1)
     assert np.median(gaps) < (0.25 if method == "embedding" else 0.02) * BODY.length_scale
     assert given.distortion().folded == 0
@@ -172,7 +172,7 @@ def test_default_method_depends_on_the_input():
     assert prepare(BODY, BODY, *f).initial.points.interior_map is not None
     rings = prepare(torus(10, 6), torus(9, 6), *f)
     assert rings.notes[0].startswith("initial map: ")
-    assert "embedding" not in [each.name for each in rings.initial.candidates]  # in a sphere
+    assert "embedding" not in [each.name for each in rings.initial.candidates]  # tori have none
 
 
 def test_methods_have_distinct_names():

@@ -174,7 +174,7 @@ def test_facts_are_those_of_the_complete_map(found):
 
 
 def test_residual_of_the_complete_map_counts(found):
-    """Functions of A that vary between the points of the match on B have a larger residual."""
+    """Functions of A with noise, which the match on B does not see, are not reached."""
     values = found.functions + 9 * np.random.default_rng(0).normal(size=found.functions.shape)
     rough = Registration(found.initial, found.match, (), values)
     assert rough.verdict.kind == "not reached"

@@ -55,8 +55,8 @@ def test_identity_converges_with_texture_size(mesh):
         assert found.images[0].shape == (size, size, 4)
         errors.append(np.abs(found.at(points) - expected))
     assert last_order([each.mean() for each in errors[:3]]) > 1.8
-    assert errors[-1].max() < 2  # of 255 levels
-    assert errors[-1].mean() < 0.3  # of 255 levels, by rounding
+    assert errors[-1].max() < 2  # grey levels of 255
+    assert errors[-1].mean() < 0.3  # grey levels, by rounding
 
 
 def test_texture_is_transferred_to_a_rotated_sphere():

@@ -53,7 +53,10 @@ def assert_same(found, expected):
 
 
 def test_run_killed_after_each_step_gives_the_same_result(tmp_path):
-    """For bumps that jump and change, all searches but one fail."""
+    """A run that is killed after each step, and resumed, gives the result of a single run.
+
+    The frames are bumps that jump and change, for which all searches but one fail.
+    """
     places, sizes, heights = [0, 3, 0, 1.6], [0.4, 0.2, 0.4, 0.4], [1, 2, 1, 1]
     frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
     given = SPHERE, frames, None, defaults(order=1, alpha=1, sigma=0.3)

@@ -25,7 +25,7 @@ def choice(sequence):
 
 
 def test_smooth_motion_gets_the_smoother_norm(found):
-    """For a rotation, held-out patches choose the norm of order 2."""
+    """For a rotation, held-out patches choose the norm of order 2, which is stored."""
     assert choice(found)[0] == 2
     assert found.parameters.automatic == ("alpha", "order")
     assert found.parameters.sigma is None

@@ -111,7 +111,7 @@ def test_interpolation_equals_the_frames_at_both_ends():
 
 
 def test_two_frames_have_none_to_hold_out():
-    """Two frames leave none to hold out, so motion is used where it is confirmed."""
+    """Of two frames none can be held out, so motion is used where both checks confirm it."""
     frames, _ = rotating_pattern(SPHERE, 0.1, 2)
     moving = abfm.sequence(SPHERE, frames, parameters=FAST)
     jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=FAST)
@@ -128,7 +128,10 @@ def test_three_uneven_frames_have_one_to_hold_out():
 
 
 def test_distant_neighbours_are_no_evidence():
-    """Held-out frames reject no motion by twelve of a wave's sixteen edges: four back are equal."""
+    """Held-out frames do not reject motion by 12 of the 16 edges of a wave.
+
+    Their neighbours are 24 edges away, which looks like 8 edges backwards.
+    """
     frames, _ = rotating_pattern(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
     found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=FAST)
     assert np.isnan(found.motion_share) == (found.confirmed > 0)

@@ -30,7 +30,7 @@ def random_field(size=0.01):
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("duration", [1.0, 0.05])
 def test_hessian_is_that_of_the_linear_problem(channels, duration):
-    """For frames that hardly differ, the Hessian of the zero field is the exact one."""
+    """For frames that hardly differ, the Hessian at the zero field equals differences of slopes."""
     frames, _ = rotating_pattern(SPHERE, 1e-5, 2)
     stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
     checked = check_frames(SPHERE, stacked, [0.0, duration], None, None)

@@ -44,7 +44,11 @@ class RotatedPattern:
         self.solver.fields[0] = rotation(mesh, 20)
 
     def found(self, monkeypatch, from_no_motion):
-        """Solve; without a start the field is the given one, in the search `on`, else `still`."""
+        """Return the initial point of the second interval, with a simulated search.
+
+        Without a start the result is the given field; in the search it is `on`, else
+        `still`.
+        """
         patch = monkeypatch.setattr
         patch(
             Interval,

@@ -71,7 +71,7 @@ def test_error_converges_with_the_mesh():
 
 
 def test_error_with_a_chosen_norm_converges():
-    """If the norm is chosen, orders are 2.1 and about 1.5; the latter varies with rounding."""
+    """If the norm is chosen, errors on three meshes have orders of about 2.1 and 1.5."""
     errors = errors_of_rotation(defaults(sigma=1e-3))
     assert np.log2(errors[0] / errors[2]) / 2 > 1.7
     assert last_order(errors) > 1.45
@@ -458,7 +458,7 @@ def test_field_that_explains_little_is_not_confirmed():
 
 
 def test_motion_on_slivers_is_not_called_noise():
-    """Reasons name details narrower than edges, and neither only noise nor "no motion"."""
+    """Reasons of unmatched motion name details narrower than edges, not only noise or no motion."""
     mesh = torus(12, 40)  # edges around the axis are ten times as long as those around the tube
 
     def bump(angle):

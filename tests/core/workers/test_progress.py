@@ -188,7 +188,7 @@ def test_steps_of_other_threads_are_not_reported():
 
 
 def test_match_reports_its_steps():
-    """Reporting does not change the match."""
+    """A match reports its steps, and reporting does not change the match."""
     mesh, found = icosphere(3), []
     source, target, _ = mesh.vertices.T
     parameters = Parameters.of(iterations=6, levels=2)

@@ -247,7 +247,7 @@ def test_repeated_request_is_computed_once(latest, controlled):
 
 
 def test_running_job_does_not_block_others(latest, controlled):
-    """Another subject's job runs meanwhile, and closing hardly waits for the running one."""
+    """While a job runs, jobs of 30 other owners finish; closing does not wait until it ends."""
     job, begun, end = controlled
     latest.request("late", job("late"))
     until(lambda: begun == ["late"])

@@ -45,5 +45,5 @@ def test_freed_memory_is_returned():
     returned, remaining = (
         float(python(_RESIDENT + program, check=True).stdout) for program in (_PIECES, _BLOCKS)
     )
-    assert returned > 50  # of 100 MB
+    assert returned > 50  # MB of 100
     assert remaining < 20

@@ -143,7 +143,7 @@ def test_best_field_stays_available(reports, monkeypatch):
 
 
 def sent(reports):
-    """Return the iterates that were reported again, with their fields."""
+    """Return the reported iterates that have fields."""
     return [now for now in reports if now.view.field is not None]
 
 

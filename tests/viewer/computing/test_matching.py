@@ -323,7 +323,7 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
         (4, 0.04, first, 4),
         (1, 0.05, first, 4),
         (3, 0.02, first, 3),
-        (9, 0.01, second, 3),  # of another problem
+        (9, 0.01, second, 3),  # the problem has changed
     ):
         assert post(number, residual, of=of, field="field") == (4, 4)
         assert matching._best.shown.iteration == best

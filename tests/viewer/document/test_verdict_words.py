@@ -165,7 +165,7 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
     }
     assert len(set(reasons.values())) == 3
     assert "12 iterations" in reasons[StopReason.ITERATION_LIMIT]
-    for reason, start, words in (  # of unfinished runs
+    for reason, start, words in (  # unfinished runs
         (StopReason.CANCELLED, "cancelled (residual 1.3%)", "best field so far"),
         (StopReason.GIVEN, "given field", "Play"),
     ):

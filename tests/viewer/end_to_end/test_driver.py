@@ -148,7 +148,7 @@ def drag_with_the_right_button(gui):
     mesh = gui.session.surface().mesh
     vertex = viewport(mesh).drawn(mesh.vertices[0])
     places = [view.projected("source", vertex)[0] for view in (before, after)]
-    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
+    np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # translated
 
 
 def test_next_driver_has_no_pressed_buttons():

@@ -58,7 +58,7 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
 
 
 def is_copied(state):
-    """Return whether there is a copy from after the marker."""
+    """Return whether there is a copy of unsaved work that is newer than the marker file."""
     marker, copies = state / "matching", list(state.glob("autosave-*.abfm"))
     if not (marker.exists() and copies):
         return False
@@ -79,7 +79,7 @@ def stored_fields(state):
 
 
 def run_and_kill(script, egg, state, is_enough):
-    """Run a script of the app on a mesh until its state folder has enough."""
+    """Run a script of the app on a mesh, and kill it when its state folder meets a condition."""
     mesh = off_file(state.with_name("egg.off"), egg)
     command = [sys.executable, "-c", script, str(mesh), str(state)]
     app = subprocess.Popen(command, stderr=subprocess.PIPE)

@@ -59,7 +59,7 @@ def test_figure_is_ready_to_match(samples, figure, monkeypatch):
         monkeypatch.setattr("abfm.experiments.example_in_subprocess", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")
     ready, shape = f"figure {figure} is ready", problem.mesh.vertices.shape
-    # disappears after a while
+    # the message disappears after a while
     wait(samples, lambda session: session.notices.latest.text.startswith(ready))
     wait(samples, lambda s: s.surface().mesh.vertices.shape == shape and not s.obstacle)
     session = samples.session
@@ -109,7 +109,7 @@ def test_pair_of_shapes_is_ready_to_match(samples):
     a, b = (load_mesh(asset_path(name)) for name in PAIR.split(" to "))
     for mesh, slot in ((a, "source"), (b, "target")):
         np.testing.assert_array_equal(samples.session.surface(slot).mesh.vertices, mesh.vertices)
-    # in its own unit, with the colours of A
+    # the values of B are in their own unit, with the colours of A
     assert samples.session.work.flow_values("target") is samples.session.values("target")
     assert not samples.session.saves.unsaved
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [PAIR]
@@ -122,7 +122,7 @@ def test_cortices_are_ready_to_match(samples, monkeypatch):
     wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
     session = samples.session
     left, right = session.work.flow_values("source"), session.work.flow_values("target")
-    # one rotation of the mirror image, not the initial position
+    # the initial map is the best rotation of the mirror image
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
     assert not session.saves.unsaved

@@ -273,7 +273,7 @@ def change_parameters(solved, notes):
         solved.choose("order", choice)
         assert session.document.settings.order == order
     solved.type("alpha", "-1")
-    solved.click("auto sigma")  # not of alpha
+    solved.click("auto sigma")  # alpha does not become automatic
     solved.type("sigma", "0.2")
     assert session.document.settings == SequenceSettings(
         2.0, 0.2, session.document.settings.gamma, 2

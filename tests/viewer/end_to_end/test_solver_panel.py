@@ -122,7 +122,7 @@ def scrub_during_a_run(gui):
 
 
 def long_range_pair(gui, width, **values):
-    """Set functions with disjoint supports."""
+    """Start a step with functions whose supports are disjoint."""
     restart(gui)
     editor = gui.session.editor
     editor.set_spec("source", f"gaussian:x=0,y=0,z=1,width={width}")
@@ -237,7 +237,7 @@ def continue_near_the_end(gui, notes):
     for is_changed in (False, True):
         restart(gui, document)
         match(gui)
-        session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # also after a few iterations
+        session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # reached after few iterations
         session.matching.warm = True
         gui.click("Match")
         gui.key("p")  # otherwise it might end by itself

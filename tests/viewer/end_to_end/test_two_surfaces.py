@@ -195,7 +195,7 @@ def save_and_open(gui, tmp_path):
     gui.click("Save registration...")
     gui.type("file name", "pair.npz")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
-    gui.click("Match")  # again, so that the project does not have it
+    gui.click("Match")  # the project does not have this match
     gui.wait(lambda s: s.solver.finished and s.result is not saved.result)
     assert session.saves.has_new_result(session.document)
     gui.click("Save registration...")

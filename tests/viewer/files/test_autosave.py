@@ -208,7 +208,7 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
 
 
 def test_copy_of_a_process_of_equal_number_is_kept(autosave, clock, tmp_path):
-    """In a container every launch may have the same process number."""
+    """A copy is not overwritten by a launch with the same process number, as in containers."""
     offer(autosave, CHANGED)
     later = Autosave(StateFolder(tmp_path), clock=clock)
     [recovery] = recoverable(StateFolder(tmp_path))
@@ -220,7 +220,7 @@ def test_copy_of_a_process_of_equal_number_is_kept(autosave, clock, tmp_path):
 
 
 def test_recovered_copy_is_removed_when_saved(autosave, tmp_path):
-    """Incomplete files are removed with the next copy."""
+    """A recovered copy is removed when its document is saved, and so are incomplete copies."""
     (tmp_path / "autosave-1-2.abfm").touch()
     [recovery] = recoverable(StateFolder(tmp_path))
     autosave.take_over(recovery)

@@ -233,7 +233,7 @@ def test_documents_are_restored_from_projects(tmp_path, document):
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
 def test_projects_contain_result_files(tmp_path, document):
-    """Results, frames and meshes are stored once."""
+    """A project has the result file's bytes; results, frames and meshes are stored once."""
     save_project(tmp_path / "p.abfm", document, {})
     content = members(tmp_path / "p.abfm")
     (tmp_path / "r.npz").write_bytes(content["result.npz"])
@@ -602,7 +602,7 @@ def test_opening_without_a_result_loads_no_solver(tmp_path):
     assert python(code, tmp_path / "p.abfm", check=True).stdout == "[]\n"
 
 
-# Files that are known from earlier: whether they are still there, and as they were
+# Origins of files: whether these still exist and are unchanged
 
 
 @pytest.fixture

@@ -135,7 +135,7 @@ def main():
     json.dump(found, sys.stdout, default=vars)
 
 
-# What must hold
+# Requirements of layouts
 
 
 @pytest.fixture(scope="module")

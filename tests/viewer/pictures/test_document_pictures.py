@@ -48,7 +48,7 @@ def drawn(document, size=SIZE, options=BARE, time=2.0, degrees=0.0):
 
 
 def is_empty(pixels):
-    """Return where a picture on white shows nothing."""
+    """Return which pixels of a picture on white are white."""
     return (pixels > 252).all(axis=-1)
 
 
@@ -58,7 +58,7 @@ def body(pixels):
 
 
 def touches(empty):
-    """Return the sides of a picture that something reaches."""
+    """Return the sides of a picture whose pixels are not all empty."""
     edges = {"top": empty[0], "bottom": empty[-1], "left": empty[:, 0], "right": empty[:, -1]}
     return [side for side, edge in edges.items() if not edge.all()]
 

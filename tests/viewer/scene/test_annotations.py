@@ -92,7 +92,7 @@ def test_annotations_do_not_overlap(right, columns):
 
 @pytest.fixture
 def tooltips(monkeypatch):
-    """Return a function that returns the tooltip at a place of a scene or of parts."""
+    """Return a function that returns the tooltips of a scene, or of parts, at a place."""
     found, io = [], SimpleNamespace(WantCaptureMouse=False)
     monkeypatch.setattr(annotations.imgui, "GetIO", lambda: io)
     monkeypatch.setattr(annotations.imgui, "SetTooltip", found.append)

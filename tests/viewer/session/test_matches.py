@@ -65,7 +65,10 @@ def test_warm_start_converts_fields_and_tau(session):
 
 
 def test_run_follows_a_dragged_gaussian_at_once(endless):
-    """A drag is followed at once, alpha after the mouse is released; Match has no effect then."""
+    """A run follows a dragged Gaussian at once, and a dragged alpha after the mouse is released.
+
+    During a run, Match has no effect.
+    """
     started = solving(endless).solver.started
     endless.match()
     assert endless.solver.started == started
@@ -259,7 +262,7 @@ def test_the_flow_of_a_cancelled_run_is_shown(endless):
 
 @pytest.fixture
 def ball():
-    """Return a session with a function that sets the view and reports a match."""
+    """Yield a session whose ``view_of_flow`` returns the view after a match."""
     session = Session(SPHERE, "ball")
 
     def view_of_flow(velocity=1.0, **view):

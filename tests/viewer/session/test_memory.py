@@ -88,7 +88,7 @@ def test_meshes_outside_the_history_are_released(session, tmp_path, monkeypatch)
         seen.add(session.surface().mesh)
         session.saves.record(session.document, Origin.of(tmp_path / f"{number}.abfm"))
     gc.collect()
-    assert len(seen) <= 5 + 2  # those of undo, and two: the current mesh and the latest computation
+    assert len(seen) <= 5 + 2  # 5 undo steps, the current mesh, the latest job
 
 
 def test_unsaved_results_outside_the_history_are_kept(session, monkeypatch):

@@ -59,7 +59,7 @@ def slow(walked, held):
 
 
 def test_the_latest_request_wins(slow):
-    """A request for a previous match is dropped."""
+    """Only the latest requested step is shown; a request for a previous match is dropped."""
     session, may = slow
     found = session.result
     for step in (0, 1):

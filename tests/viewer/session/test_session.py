@@ -58,7 +58,7 @@ def test_functions_with_errors_prevent_a_match(session):
 
 
 def test_invalid_masks_and_extreme_functions_are_refused(session):
-    """Functions beyond single precision cannot be shown."""
+    """Masks that are not valid, and functions beyond single precision, are refused."""
     for mask in ("expression:0*x", "coordinate:x"):
         session.editor.set_mask(mask)
         until(lambda: "computed" not in session.obstacle, session)

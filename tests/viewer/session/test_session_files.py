@@ -234,7 +234,7 @@ def frames_of(desk):
 
 @pytest.mark.parametrize("name", ["f.npz", "f.txt", "f.gii"])
 def test_every_file_of_frames_opens(desk, tmp_path, name):
-    """Frames open alone, dropped with their mesh, and from the command line."""
+    """Frames open alone, dropped together with their mesh, and from the command line."""
     mesh, path = desk.session.surface().mesh, tmp_path / name
     frames = np.float32(np.random.default_rng(3).normal(size=(3, len(mesh.vertices))))
     if name.endswith(".gii"):

@@ -87,7 +87,7 @@ def test_places_do_not_depend_on_the_field():
         for axis in ((0, 0, 1.0), (1, 0, 0))
     )
     both = cdist(one, other).min(axis=1) == 0
-    assert both.mean() > 0.9  # other places have an arrow of one field, the other field being slow
+    assert both.mean() > 0.9  # elsewhere one of both fields is slow
     again = arrows_of(BALL, rotation(BALL), STYLE)
     np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), STYLE).vertices)
     turn = axes(3)

@@ -56,7 +56,7 @@ def test_surfaces_have_the_order_of_the_flow(session, view, names):
 
 
 def test_finer_mesh_is_shown_on_request(session, painter):
-    """The first values on the finer mesh are those of the mesh itself, at any time."""
+    """On request a finer mesh is shown, whose first values are those of the mesh, at any time."""
     fine = subdivided(SPHERE)
     problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
     field = 0.3 * wavy_field(fine, 0)[None]

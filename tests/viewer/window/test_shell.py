@@ -263,7 +263,7 @@ def test_window_opens_before_the_solver_is_loaded(tmp_path):
     ],
 )
 def test_bad_arguments_exit_with_status_2(words, named, capsys):
-    """The message is one line."""
+    """Bad arguments are an error of one line with exit status 2."""
     assert app.main(words) == 2
     message = capsys.readouterr().err
     assert message.startswith("abfm-viewer: ")
@@ -330,7 +330,7 @@ sys.exit(status)
 
 @pytest.mark.parametrize(("words", "name"), [("", "a.off"), ("['b.off']", "b.off")])
 def test_program_ends_after_cleanup(words, name):
-    """A caller of `main` continues after the cleanup."""
+    """The program ends after its cleanup, whereas a caller of `main` continues."""
     done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []

@@ -127,7 +127,7 @@ def test_gradient_can_be_computed_later(extras):
 
 
 def test_value_agrees_with_the_formula():
-    """Eq. 6 with SciPy's exponential and explicit matrices, on the mesh of unit area."""
+    """The energy equals Eq. 6 by SciPy's exponential and explicit matrices, for unit area."""
     mesh, p = FINE["boundary"], PLAIN.with_values(segments=3)
     (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0.01, 1, len(mesh.vertices)), [0.5, 2.0]
@@ -220,7 +220,7 @@ def test_order_changes_only_the_regularity(order):
 
 
 def test_function_size_is_the_larger_deviation():
-    """The size is the larger RMS deviation from the mean, ``R / sqrt(3)`` for z on a sphere."""
+    """The size is the larger standard deviation of f and g: ``R / sqrt(3)`` for z on a sphere."""
     mesh = icosphere(4, radius=2.0)
     z, flat = mesh.vertices[:, 2], np.full(len(mesh.vertices), 5.0)
 
@@ -246,7 +246,7 @@ def test_relative_sigma_is_a_multiple_of_the_size():
 
 
 def test_exponent_bounds_the_spectrum():
-    """The exponent is homogeneous in the fields, and additive over consecutive fields."""
+    """The exponent of a flow bounds the eigenvalues of its operators, and adds up over fields."""
     mesh = open_cylinder(16, 6)
     v, E = frames(mesh, 2), energy(mesh, segments=2)
     total = E.flow(v).exponent

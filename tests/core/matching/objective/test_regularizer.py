@@ -104,7 +104,7 @@ def test_inverse_agrees_with_scipy(mesh, monkeypatch):
 
 @pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
 def test_divergence_affects_only_gradients(divergence):
-    """With divergence d, grad z on the sphere has the norm 1 + 2 alpha d, J grad z 1 + 2 alpha."""
+    """For divergence d, the norm scales grad z by 1 + 2 alpha d, and J grad z by 1 + 2 alpha."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)

@@ -135,7 +135,7 @@ def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypa
 
 
 def test_coarse_fields_are_smoothed_for_given_sigma():
-    """Smoothing removes kinks over coarse edges, which would cost more than the match gains."""
+    """Fields of coarse levels are smoothed, as kinks over coarse edges cost more than is gained."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.2) for axis in ([0, 0, 1], [0, 1, 0]))
     seen = []

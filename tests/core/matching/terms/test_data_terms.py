@@ -237,7 +237,7 @@ def test_initial_energy_is_that_of_l2():
 
 @pytest.mark.parametrize("degrees", [60, 100, 140])
 def test_derivative_leads_to_a_disjoint_target(degrees):
-    """For disjoint bumps, the energy falls towards the target only with a reach."""
+    """For disjoint bumps, moving towards the target lowers the energy only with a reach."""
     mesh, angle, slopes = icosphere(4), np.deg2rad(degrees), {}
     f, g = (bump(mesh, [0, np.sin(a), np.cos(a)], 0.05) for a in (0, angle))
     E = MatchingEnergy(mesh, f, g)

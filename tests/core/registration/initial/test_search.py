@@ -56,7 +56,7 @@ def test_identity_costs_two():
 
 
 def test_mirror_image_has_the_same_cost():
-    """Energy, descriptors and commutator do not depend on the orientation."""
+    """The energy, descriptors and commutator of a mirrored map are those of the identity."""
     identity = np.arange(len(COARSE.areas))
     image = mirrored(COARSE.mesh)
     shape = coarse_shape(image, 300)
@@ -118,7 +118,7 @@ def test_extremities_are_ends_of_limbs():
 
 
 def test_brackets_distinguish_mirror_images():
-    """Of two maps by the same distances, the bracket finds the one with the requested side."""
+    """Of two maps with equal distances, brackets find the one with the requested orientation."""
     ends = extremities.extremities(COARSE)
     for side in (1, -1):
         to_a = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
@@ -171,7 +171,7 @@ def test_spheres_with_equal_faces_may_be_rotated():
 
 
 def test_no_search_if_vertex_numbers_are_good(monkeypatch):
-    """A map by vertex numbers ends the search, because rotations have an additional cost."""
+    """If vertex numbers correspond well, their map is used, and rotations are not tried."""
     ball = icosphere(3)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)

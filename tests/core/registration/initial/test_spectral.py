@@ -41,7 +41,7 @@ def bent(mesh):
 
 
 class Fit(NamedTuple):
-    """The best map, its side and defect, and the least defect of a different map."""
+    """The best map, its orientation and defect, and the smallest defect of a different map."""
 
     functional_map: np.ndarray
     side: float
