@@ -147,5 +147,5 @@ def brief(value: object) -> str:
     """Return the repr of a value for a message: one line of at most 60 characters."""
     try:
         return one_line(repr(value), 60)
-    except ValueError:  # Python's limit for printing integers
+    except ValueError:  # the integer exceeds Python's limit for printing
         return "a number of very many digits"

@@ -200,7 +200,7 @@ class Parameters(Settings):
     """
 
     tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
-    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # above, rounding errors dominate
+    alpha: float = _of("alpha", 0.01, "α", Range(0, ALPHA_MAX))  # larger: rounding errors dominate
     beta: float = _of("beta", 0.0, "β", _FROM_0)
     divergence: float | None = _of("divergence", None, "", Range(0, ALPHA_MAX, True))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)

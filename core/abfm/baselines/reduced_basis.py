@@ -47,7 +47,7 @@ class ReducedMatch:
     velocity: FloatArray  # (F, 3), field in the input's units
     functional_map: FloatArray  # (k, m), map in the reduced basis
     start_mismatch: float  # ``||C - C_target|| / ||C_target||`` of the start, Frobenius norm
-    mismatch: float  # the same of the result
+    mismatch: float  # the same ratio for the result
 
 
 class ReducedEnergy:

@@ -178,7 +178,7 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
     found.save(path)
     remove_checkpoints(path)
     seconds = time.monotonic() - began
-    # unknown if several threads share the worker
+    # unknown if several threads of the worker share the count
     count = None if products.is_shared else products.count
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 

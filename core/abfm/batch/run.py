@@ -186,7 +186,7 @@ class Workers:
                 f"the scheduler no longer answers; {counted(unfinished, 'row is', 'rows are')} "
                 "unfinished. Run the same command again to resume"
             ) from error
-        except CancelledError:  # cancelled while connecting
+        except CancelledError:  # the run was cancelled while connecting
             pass
         finally:
             if unfinished:

@@ -53,7 +53,7 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     root_mass = np.sqrt(vertex_areas(mesh))
     scale = sparse.diags_array(1 / root_mass)
     operator = sparse.csr_array(scale @ cotangent_laplacian(mesh) @ scale)
-    if count <= 2 * size + 1:  # too small for the Lanczos basis
+    if count <= 2 * size + 1:  # the matrix is too small for the Lanczos basis
         found = linalg.eigh(operator.toarray(), subset_by_index=(0, size - 1))
         values, vectors = (np.asarray(array, dtype=np.float64) for array in found)
     else:

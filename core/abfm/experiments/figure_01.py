@@ -23,7 +23,7 @@ from abfm.mesh.shapes import three_arms
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-_TIMES = np.linspace(0, 1, 13)  # relative to tau
+_TIMES = np.linspace(0, 1, 13)  # times relative to tau
 _SHOWN_TIMES = [2, 4, 6, 8, 10]  # indices into _TIMES
 _MISMATCH_MAX = 0.05
 _TARGET_WIDTH = 0.2  # relative to the distance from the source to the closer target

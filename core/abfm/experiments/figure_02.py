@@ -16,8 +16,8 @@ FUNCTION = "function"
 MAP = "point map"
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
-_RMS_DISPLACEMENT = 0.2  # over the surface, in sqrt(area)
-_TIMES = np.arange(1, 9) / 8  # relative to tau, which is 1
+_RMS_DISPLACEMENT = 0.2  # displacement over the surface, in sqrt(area)
+_TIMES = np.arange(1, 9) / 8  # times relative to tau, which is 1
 _LINES = 24  # flow lines in the picture
 # criteria for "advects": the difference at tau, and the order under refinement
 _DIFFERENCE_MAX = 0.05
@@ -138,5 +138,5 @@ def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, Float
     ]
     return {
         FUNCTION: np.array(of_functions),
-        MAP: np.array(map_differences) / mesh.length_scale**2,  # root mean square
+        MAP: np.array(map_differences) / mesh.length_scale**2,  # root mean square of distances
     }

@@ -21,8 +21,8 @@ from abfm.mesh.shapes import five_limbs
 from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 3: 0.6, 5: 0.6}
-_RMS_DISPLACEMENT = 0.3  # over the surface until tau, in sqrt(area)
-_TIMES = np.arange(21) / 20  # relative to tau
+_RMS_DISPLACEMENT = 0.3  # displacement over the surface until tau, in sqrt(area)
+_TIMES = np.arange(21) / 20  # times relative to tau
 _SHOWN_TIMES = {
     4: ("0.2 tau", "0.2 τ"),
     -1: ("tau", "τ"),

@@ -15,7 +15,7 @@ from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
 _SPEED = 0.25  # root mean square of v, in sqrt(area) per unit of time
-_COMPARED_FIELDS = 8  # smooth fields whose brackets are compared
+_COMPARED_FIELDS = 8  # number of smooth fields whose brackets are compared
 
 
 @dataclass(frozen=True, eq=False)

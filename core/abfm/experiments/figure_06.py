@@ -20,7 +20,7 @@ _ANGULAR_SPEED = np.pi  # radians per unit of time
 # speeds to try on any mesh: sqrt(area) per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
 _STRETCH_MAX = 2.0  # largest factor by which the flow may change the norm of u
-_TIMES = (0.125, 0.25)  # the paper's times
+_TIMES = (0.125, 0.25)  # times in the paper
 _MORE_TIMES = (0.5, 1.0)
 _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 

@@ -19,7 +19,7 @@ from abfm.mesh.shapes import five_limbs
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-_TIMES = (0.25, 0.5, 0.75)  # relative to tau
+_TIMES = (0.25, 0.5, 0.75)  # times relative to tau
 _MISMATCH_MAX = 0.1
 _CHANGE_MAX = 0.5  # largest change between steps of a smooth path, relative to the mean step
 _ENERGY_RATIO_MAX = 1.5  # Dirichlet energy on a smooth path over that of its ends

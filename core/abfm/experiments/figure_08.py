@@ -11,7 +11,7 @@ from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 5: 0.7}
-_RMS_DISPLACEMENT = 0.15  # over the surface, in sqrt(area)
+_RMS_DISPLACEMENT = 0.15  # displacement over the surface, in sqrt(area)
 _SLOPE_SHARE_MIN = 0.2  # minimum slope relative to the largest one
 _ERROR_MAX = 0.02
 _DIFFERENCE_MAX = 0.1  # criterion for "very close to the original field"

@@ -40,14 +40,14 @@ _START_MODES = 10  # number of eigenfunctions of the initial map
 _MODES = 100
 _MODES_SMALL = 30
 _VERTICES_MIN = 60
-_BEND = np.pi / 3  # radians
+_BEND = np.pi / 3  # angle in radians
 _CHECKER_FIELDS = 16  # squares of the checkerboard along the longest axis
 _MISMATCH_RATIO_MAX = 0.1  # maximum ratio of final and initial mismatch of matched functions
 _ZOOM_OUT_STEP = 10  # eigenfunctions added in each step
 # parameters of the reduced basis
 _FIELDS = 50
 _SIGMA = 0.1
-_MAPS = (START, TARGETS, ONE_FUNCTION, FUNCTIONS, BASIS)  # shown in the pictures
+_MAPS = (START, TARGETS, ONE_FUNCTION, FUNCTIONS, BASIS)  # maps shown in the pictures
 _TRUNCATED_MAPS = (
     TRUNCATED_FUNCTIONS,
     TRUNCATED_FUNCTIONS + BY_NEIGHBOURS,

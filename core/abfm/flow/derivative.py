@@ -29,7 +29,7 @@ class Assembly(NamedTuple):
 
     faces: IndexArray  # (F, 3)
     positions: IndexArray  # (F, 3, 3), position of the entry in row corner a, column corner b
-    slopes: FloatArray  # (F, 3, 2), ``A_F / 3 grad phi``
+    slopes: FloatArray  # (F, 3, 2), ``A_F / 3 grad phi`` of the hat functions
     inverse_areas: FloatArray  # (V,)
 
 
@@ -113,7 +113,7 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
     is_between = ends[:, 0] != ends[:, 1]
     edges, found = np.unique(ends[is_between], axis=0, return_inverse=True)
     edge_of = np.full(len(ends), -1)
-    edge_of[is_between] = found.reshape(-1)  # NumPy 2.0 gives a column
+    edge_of[is_between] = found.reshape(-1)  # NumPy 2.0 returns a column here
     return _pattern(mesh, clusters, edges, edge_of[mesh.face_edges])
 
 
@@ -151,7 +151,7 @@ def _pattern(
     corners = clusters[mesh.faces]
     positions = np.empty((len(corners), 3, 3), dtype=small)
     for a, b in np.ndindex(3, 3):
-        edge = face_edges[:, (3 - a - b) % 3]  # opposite the third corner
+        edge = face_edges[:, (3 - a - b) % 3]  # edge opposite the third corner
         of_edge = np.where(edges[edge, 0] == corners[:, a], ahead[edge], back[edge])
         is_one = corners[:, a] == corners[:, b]
         positions[:, a, b] = np.where(is_one, diagonal[rank[mesh.faces[:, a]]], of_edge)

@@ -259,7 +259,7 @@ class ExponentialFlow:
         out = np.repeat(trajectory.end[None], len(times), axis=0)
         owner = np.clip(np.ceil(times / step) - 1, 0, last) if step else np.zeros(len(times))
         coefficients = _bessel_coefficients(abs(step) * self.rho)
-        terms = np.empty((len(coefficients), self.pattern.size))  # only the used part is touched
+        terms = np.empty((len(coefficients), self.pattern.size))  # only the used part gets memory
         for index, segment in enumerate(trajectory.segments):
             inside = np.flatnonzero((owner == index) & (times != times[-1]))
             if len(inside):
@@ -372,7 +372,7 @@ def chebyshev_forward(
             top = abs(f[i])
     if top == 0.0:
         return 1, 1.0
-    terms[-1, :] = 0.0  # before term 0
+    terms[-1, :] = 0.0  # the row before term 0
     growth = top
     small = 0
     for start in range(1, coefficients.size, most):

@@ -52,7 +52,7 @@ class Walk(NamedTuple):
     """The end points of L flow lines, and the tapes for the derivative."""
 
     points: SurfacePoints
-    tapes: list[Tape]  # one for each field
+    tapes: list[Tape]  # one tape for each field
 
 
 class FlowLineDerivative:

@@ -30,7 +30,7 @@ class ValueKind:
     read: Callable[[str], Any] = field(repr=False)  # converts text; ValueError for invalid text
     choices: tuple[str, ...] = ()  # all values, if there are only a few
     integers: bool = False  # whether the values are integers
-    suffixes: tuple[str, ...] = ()  # endings of file names
+    suffixes: tuple[str, ...] = ()  # allowed endings of file names
 
 
 class Slider(NamedTuple):

@@ -34,7 +34,7 @@ def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArra
             "hemisphere"
         )
     rows, places = np.full(len(mesh.vertices), -1), mesh.local_vertices(sources)[::-1]
-    rows[places[places >= 0]] = np.arange(len(places))[::-1][places >= 0]  # the first of copies
+    rows[places[places >= 0]] = np.arange(len(places))[::-1][places >= 0]  # the first of equal ones
     count = int(np.count_nonzero(rows >= 0))
     if count == len(rows):
         return values[:, rows], ()

@@ -109,7 +109,7 @@ class WaveKernelSignature(Family):
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         values, functions = _pairs(mesh, self.eigenpairs)
         energies = np.log(values[1:])
-        # all energies may be equal
+        # the width is positive even if all energies are equal
         width = self.width or max(0.07 * (energies[-1] - energies[0]), 1e-3)
         exponents = -0.5 * ((self.energy - energies) / width) ** 2
         # scaled so that the largest weight is 1; energies far from all eigenvalues would give 0/0

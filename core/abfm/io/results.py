@@ -191,7 +191,7 @@ _MAP_ENTRIES = {
     "notes": Entry("text", ("K",), required=False),
     "warnings": Entry("text", ("W",), required=False),
     "registration_verdict": Entry("text", (4,), required=False),  # parts like those of `verdict`
-    "a_functions": Entry("real", ("VA", "C"), required=False),  # as compared with those of B
+    "a_functions": Entry("real", ("VA", "C"), required=False),  # functions compared with those of B
 }
 REGISTRATION = FileKind(
     "registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_MAP_ENTRIES}
@@ -215,7 +215,7 @@ _SEQUENCE = {
     "residual": Entry("real", ("I",), low=0, allow_missing=True),
     "verified_residual": Entry("real", ("I",), low=0, allow_missing=True),
     "folded": Entry("real", ("I",), low=0, high=1, allow_missing=True),
-    "verdicts": Entry("text", ("I", 4)),  # like `verdict` of a match
+    "verdicts": Entry("text", ("I", 4)),  # rows like `verdict` of a match
     "weights": Entry("real", ("C",), low=0),
 }
 SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)

@@ -18,7 +18,7 @@ from abfm.types import BoolArray, FloatArray, IntArray
 BOUNDED_SHARE = 0.99
 """Share of the faces that must satisfy a bound; a few, as at the ends of creases, may exceed it."""
 CUT_FACES_MAX = 2048  # default number of faces that are subdivided
-_PARTS = 8  # along each side of a subdivided face
+_PARTS = 8  # parts along each side of a subdivided face
 # A face is folded if more than this share of its parts is flipped. In slivers along a bent surface,
 # about half of the parts seem flipped. In 36 of 38 maps of flows, it was not more than this share.
 # In folded faces, nearly all parts are flipped.

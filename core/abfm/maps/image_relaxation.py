@@ -29,7 +29,7 @@ from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
 _CONFORMAL_WEIGHT = 0.02  # weight of the conformal energy on the sphere
-_GUARD = 1e-300  # prevents division by 0
+_GUARD = 1e-300  # a small number that prevents division by 0
 
 
 class Codomain(NamedTuple):

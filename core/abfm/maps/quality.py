@@ -26,8 +26,8 @@ ERROR_BOUNDS = (0.05, 0.1, 0.25)  # sqrt(area); reports give the shares of small
 # of at least 0.03. Flows within all bounds had mean errors of at most 0.022, others of up to 0.13.
 DISTANCE_MAX = 0.1  # sqrt(area), largest distance of an image from the surface
 RMS_DISTANCE_MAX = 0.02  # sqrt(area), root mean square of these distances
-FOLDED_SHARE_MAX = 0.1  # share of the faces
-_ROUND_TRIP_VERTICES_MAX = 10_000  # vertices measured by a round trip
+FOLDED_SHARE_MAX = 0.1  # largest share of folded faces
+_ROUND_TRIP_VERTICES_MAX = 10_000  # number of vertices measured by a round trip
 RETURN_DISTANCE_MAX = 1.0  # mean edge lengths, for 95% of the vertices after a round trip
 
 
@@ -35,7 +35,7 @@ RETURN_DISTANCE_MAX = 1.0  # mean edge lengths, for 95% of the vertices after a 
 class MapAccuracy:
     """Geodesic errors of a map at some vertices."""
 
-    vertices: IntArray  # (S,), ascending
+    vertices: IntArray  # (S,), measured vertices, ascending
     errors: FloatArray  # (S,), distances between images and true images, in sqrt(area)
 
     @property
@@ -156,7 +156,7 @@ class RoundTrip(NamedTuple):
     """Displacements of vertices by a map and a map back, in mean lengths of their edges."""
 
     median: float
-    p95: float  # percentile
+    p95: float  # 95th percentile
 
     def report(self) -> str:
         """Return the numbers in a line."""

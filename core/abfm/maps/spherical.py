@@ -97,7 +97,7 @@ class Faces(NamedTuple):
     corners: IntArray  # (F, 3)
     neighbours: IntArray  # (F, 3), the mesh's ``opposite_slots``
     directions: FloatArray  # (V, 3)
-    sign: float  # -1 for a mirrored layout
+    sign: float  # 1, or -1 for a mirrored layout
 
 
 class SphereLayout:

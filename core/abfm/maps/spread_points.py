@@ -25,7 +25,7 @@ class SpreadPoints:
     # (P,), distances from the points before, descending, in sqrt(area); infinite if none before
     # has a similar normal
     gaps: FloatArray
-    normals: FloatArray  # (P, 3), interpolated smoothly between faces
+    normals: FloatArray  # (P, 3), normals interpolated smoothly between faces
 
     def with_spacing(self, spacing: float) -> SurfacePoints:
         """Return points with at least a given spacing, in sqrt(area), which cover the surface.

@@ -17,7 +17,7 @@ _MOLLIFICATION = 0.01  # share of the mean side of a face that is added to its s
 _CURVATURE_SHARE_MIN = 0.01  # smallest curvature of a model, as a share of the largest one
 FLAT_VOLUME = 1e-15  # rounding may flip faces with a smaller volume, see `volume`
 STEP_FACTOR = 0.4  # reduces a step that does not decrease the energy
-STEP_TRIES = 12  # number of such reductions
+STEP_TRIES = 12  # largest number of reductions of a step
 
 
 class Workspace(NamedTuple):

@@ -24,7 +24,7 @@ _PARTNER_DISTANCE_MIN = 0.1  # sqrt(area), least distance of partners chosen by 
 _SCREENING_VERTICES = 64
 _REFINING_VERTICES = 400
 _AXIS_TOLERANCE = 1e-4  # 1 - cosine of the angle between equal axes: 0.8 degrees
-_CANDIDATES_MAX = 12  # candidates that are refined
+_CANDIDATES_MAX = 12  # number of candidates that are refined
 _REFINEMENTS = 8  # iterations of a refinement
 
 

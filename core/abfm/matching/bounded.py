@@ -122,9 +122,9 @@ class _Search:
             measure,
             control,
         )
-        self._path: list[PathStep] = []  # the steps within the bound
+        self._path: list[PathStep] = []  # the steps of the path within the bound
         self._distortion_at_rest = math.inf
-        self.best: Match | None = None  # within the bound
+        self.best: Match | None = None  # the best match within the bound
 
     def run(self) -> None:
         found, first = self._found, self._found.path[0]

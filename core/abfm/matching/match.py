@@ -141,7 +141,7 @@ def match(
         path=path,
         step=number,
     )
-    with controlled(Control()):  # check the landmarks even if cancelled
+    with controlled(Control()):  # checks the landmarks even if cancelled
         return found.judged(history[stages == stages[-1], 0])
 
 

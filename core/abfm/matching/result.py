@@ -366,7 +366,7 @@ class Match(Display):
         """
         evidence = replace(self._evidence, energies=energies)
         found = replace(self, verdict=judge(self.problem.functions, evidence, self.parameters))
-        vars(found)["landmark_errors"] = self.landmark_errors  # slow to compute again
+        vars(found)["landmark_errors"] = self.landmark_errors  # it is slow to compute again
         return found
 
     @cached_property

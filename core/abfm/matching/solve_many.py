@@ -121,7 +121,7 @@ def _solve(task: _Task) -> Parcel:
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()
-    is_here = task.disk == _disk(task.marker.parent)  # another machine cannot read the file
+    is_here = task.disk == _disk(task.marker.parent)  # other machines cannot read the file
 
     def check(now: Iteration) -> None:
         nonlocal checked

@@ -37,7 +37,7 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     face_count = 2 * (vertex_count - mesh.euler_characteristic) - boundary
     if vertex_count >= count or face_count < 4:
         return None
-    points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # the last one is at infinity
+    points = np.concatenate([mesh.vertices, np.zeros((1, 3))])  # the last point is at infinity
     faces, twins, edges = (array.astype(_INDEX_TYPE) for array in _closed(mesh))
     lengths = ((mesh.vertices[mesh.edges[:, 0]] - mesh.vertices[mesh.edges[:, 1]]) ** 2).sum(axis=1)
     fixed = np.append(mesh.is_pinched_vertex, True)  # edges at these vertices do not collapse
@@ -85,7 +85,7 @@ class _Surface(NamedTuple):
     # of all slots, (3 F,)
     faces: IndexArray  # vertex of each corner; -1 in removed faces
     twins: IndexArray  # slot on the other side of each edge
-    edges: IndexArray  # number of each edge
+    edges: IndexArray  # edge of each slot
     fixed: IndexArray  # (V,) whether the edges at a vertex must not collapse
 
 

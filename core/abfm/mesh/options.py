@@ -134,4 +134,4 @@ class MeshOptions:
         return ", ".join([names[0], *(name.lower() for name in names[1:])])
 
 
-DEFAULT_OPTIONS = MeshOptions()  # options that change nothing
+DEFAULT_OPTIONS = MeshOptions()  # options that change nothing when a mesh is loaded

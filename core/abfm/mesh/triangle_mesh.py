@@ -380,7 +380,7 @@ class TriangleMesh(Display):
 
     def _warn_of_differences(self, values: NDArray[Any]) -> None:
         copies, firsts = (values[part].reshape(len(self.copies), -1) for part in self.copies.T)
-        # two NaN are equal
+        # two NaN count as equal
         differs = (copies != firsts) & ((copies == copies) | (firsts == firsts))
         if values.dtype.kind == "f" and differs.any():
             differs &= ~(np.abs(copies - firsts) <= _COPY_ROUNDING * np.nanmax(np.abs(values)))

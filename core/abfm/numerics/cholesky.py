@@ -22,7 +22,7 @@ from abfm.workers.worker import Call, Worker, WorkerEndedError
 
 try:
     from cholespy import CholeskySolverD, MatrixType
-except ImportError:  # no wheel for linux-aarch64
+except ImportError:  # linux-aarch64 has no wheel of it
     CholeskySolverD = None
 
 Solve = Callable[[FloatArray], FloatArray]
@@ -86,7 +86,7 @@ class _Factor:
         return x
 
     def __del__(self) -> None:
-        if not hasattr(self, "_solver"):  # already freed, or the allocation failed
+        if not hasattr(self, "_solver"):  # the solver is already freed, or its allocation failed
             return
         if self._has_solved:
             # cholespy frees the buffer of the latest right-hand side when the number of columns

@@ -103,8 +103,8 @@ def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
     name = function.__qualname__
     function.__qualname__ = f"{name}_{_stamp(function.__globals__)}"
     compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=fastmath)(function)
-    if hasattr(compiled, "enable_caching"):  # absent with NUMBA_DISABLE_JIT
-        with suppress(RuntimeError):  # if no folder is writable
+    if hasattr(compiled, "enable_caching"):  # the method is absent with NUMBA_DISABLE_JIT
+        with suppress(RuntimeError):  # raised if no folder is writable
             compiled.enable_caching()
             compiled._cache = _Cache(compiled._cache)
     function.__qualname__ = name

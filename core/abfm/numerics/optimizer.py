@@ -59,7 +59,7 @@ class Iterate(Generic[Point]):
 
     x: FloatArray  # never has a higher energy than the one before
     point: Point  # evaluation at x with gradient g
-    preconditioned: FloatArray  # H_0 g
+    preconditioned: FloatArray  # gradient preconditioned as H_0 g
     pairs: tuple[Pair, ...]  # the latest pairs, oldest first
     scale: float  # factor of H_0 in the next direction
     gradient_norm: float  # sqrt(<g, H_0 g>), the dual norm of the preconditioner
@@ -81,7 +81,7 @@ class LBFGS(Generic[Point]):
 
     evaluate: Callable[[FloatArray], Point]
     precondition: Callable[[FloatArray], FloatArray] | None = None
-    memory: int = 10  # number of pairs
+    memory: int = 10  # number of stored pairs
     # measures a step in the units of `step_size_max`
     size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max())
     step_size_max: float = np.inf
@@ -264,7 +264,7 @@ def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
     if not np.isfinite(rise):
         fraction = 0.1
     elif not np.isfinite(high.slope):
-        above = rise - low.slope * width  # the tangent at low
+        above = rise - low.slope * width  # rise above the tangent at the lower end
         if above > 0:
             fraction = -0.5 * low.slope * width / above
     else:

@@ -71,7 +71,7 @@ def best_front(
     if side and up in (None, "z"):
         return Front((-1.0 if side == "L" else 1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     up = up or "y"
-    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # right, up, front
+    axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # axes to the right, up and to the front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
     around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes
     directions = np.cos(elevation)[:, None] * around + np.sin(elevation)[:, None] * axes[1]

@@ -33,7 +33,7 @@ from abfm.workers.progress import step
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
 _COLORS = 256  # entries of a colour map
 _PLAY_SECONDS = (0.1, 3600.0)  # minimum and maximum duration of playing
-_TAIL_MAX = 1e30  # a tail that never fades
+_TAIL_MAX = 1e30  # length of a tail that never fades
 
 Color = tuple[float, float, float]  # red, green and blue in sRGB, 0 to 1
 

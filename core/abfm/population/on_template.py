@@ -67,7 +67,7 @@ class MapFacts(NamedTuple):
     residual: float = math.nan  # residual of the registration, the larger one of both checks
     # root mean square of the field without the mean field, in sqrt(area)
     displacement: float = math.nan
-    landmarks: float = math.nan  # mean error, in sqrt(area)
+    landmarks: float = math.nan  # mean error of landmarks, in sqrt(area)
 
 
 def map_facts(

@@ -48,7 +48,7 @@ from abfm.workers.progress import step
 
 _TARGETS = "targets"  # subfolder of templates, target functions and mean fields
 _OUTLIER_PASSES_MAX = 3  # searches for outliers in a round, each with the latest mean field
-_NOISE_SUBJECTS = 3  # subjects whose noise is estimated
+_NOISE_SUBJECTS = 3  # number of subjects whose noise is estimated
 _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions or landmarks
 
 
@@ -118,13 +118,13 @@ class PopulationSolver:
         """
         levels = []
         for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
-            with suppress(AbfmError):  # the registration reports it
+            with suppress(AbfmError):  # the registration reports this error
                 mesh = self._mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_channels]
                 mask = checked_mask(mesh, subject.mask, subject.name)
                 f = filled(mesh, *known_functions(mesh, texts, subject.name, mask))
                 sizes = f.std(axis=1)
-                if sizes.all():  # registrations report constant functions
+                if sizes.all():  # if all functions are constant, the registrations report it
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
         # at most 1, since above it the noise exceeds the functions
         return min(max(Parameters.goal, float(np.median(levels or [0.0]))), 1.0)

@@ -204,7 +204,7 @@ class Columns:
         word = str(int(column)) if column and len(column) < 10 and column.isdecimal() else column
         chosen = named[0] if named else word
         if count == 1 and chosen == "0":
-            return 0  # whatever the number of its array
+            return 0  # the only column, whatever the number of its array
         if chosen in numbers:
             return numbers.index(chosen)
         once = [name for name in self.names if name and self.names.count(name) == 1]

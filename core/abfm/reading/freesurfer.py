@@ -29,7 +29,7 @@ _VALUES = b"\xff\xff\xff"
 _QUADRANGLES = b"\xff\xff\xfd"
 _LINE_LENGTH_MAX = 1 << 16  # bytes of each of the two comment lines of a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
-_MGH_DATA_OFFSET = 284  # bytes before the data
+_MGH_DATA_OFFSET = 284  # bytes of an .mgh file before the data
 _BYTE_MAX = 255
 
 
@@ -144,7 +144,7 @@ def freesurfer_annotation(data: bytes) -> Labels:
             raise ValueError(f"the colour table has two entries with the number {key}")
         names[key] = name
         codes[key] = red / _BYTE_MAX, green / _BYTE_MAX, blue / _BYTE_MAX, 1 - clear / _BYTE_MAX
-        key_of_color.setdefault(red | green << 8 | blue << 16, key)  # the first of equal colours
+        key_of_color.setdefault(red | green << 8 | blue << 16, key)  # first of equal colours
     if has_table:
         unique, place = np.unique(colors, return_inverse=True)
         keys = np.array(

@@ -146,7 +146,7 @@ def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any
         return numbers.reshape(shape, order=order)
     if encoding == "file":
         with open_regular(referenced_file(path, array.get("ExternalFileName", ""))) as file:
-            file.seek(count_in(array, "ExternalFileOffset", "0"))  # empty in some files
+            file.seek(count_in(array, "ExternalFileOffset", "0"))  # offset empty in some files
             data = file.read(size)
     else:
         try:

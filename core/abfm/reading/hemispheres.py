@@ -7,7 +7,7 @@ HEMISPHERES = {"L": "left", "R": "right"}  # words for the hemispheres
 STRUCTURES = {side: f"Cortex{word.title()}" for side, word in HEMISPHERES.items()}
 """``AnatomicalStructurePrimary`` of GIFTI for the cortex of each hemisphere."""
 _SIDES = {"lh": "L", "rh": "R"}
-_WORDS = {word: side for side, word in HEMISPHERES.items()}  # in upper or lower case
+_WORDS = {word: side for side, word in HEMISPHERES.items()}  # words in upper or lower case
 _IMAGING = re.compile(
     r"\.(gii|nii|annot|label|stc|mgh|mgz|asc|white|pial|inflated|smoothwm|orig|sphere|reg|sulc|curv"
     r"|thickness|area|volume)(\.gz)?$",

@@ -103,7 +103,7 @@ VALUES_ENDINGS = (
     ),
 )
 """Endings of files with values at vertices; FreeSurfer files may have any other ending."""
-FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")  # endings of files with frames
+FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")  # endings of names of files with frames
 LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
 """Endings of files with labels of vertices, in addition to those of values."""
 

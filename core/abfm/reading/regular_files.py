@@ -35,7 +35,7 @@ _INFLATION_MAX = 20
 _NPY_HEADERS = {
     (1, 0): npy.read_array_header_1_0,
     (2, 0): npy.read_array_header_2_0,
-    (3, 0): npy.read_array_header_2_0,  # differs only in names of fields
+    (3, 0): npy.read_array_header_2_0,  # version 3 differs only in names of fields
 }
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 _BLOCK_BYTES = 1 << 20
@@ -58,7 +58,7 @@ def open_regular(
     """
     try:
         _check(os.stat(path), size_max)
-    except ValueError:  # a name with a zero byte
+    except ValueError:  # the name has a zero byte
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)) from None
     descriptor = os.open(path, _FLAGS)
     with os.fdopen(descriptor, "rb") as file:
@@ -171,7 +171,7 @@ def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dty
     file = BytesIO(data)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about headers written by Python 2
+            warnings.simplefilter("ignore")  # warnings about headers written by Python 2
             shape, is_fortran, dtype = _NPY_HEADERS[npy.read_magic(file)](file)
     except Exception as error:
         reason = one_line(error, 80)

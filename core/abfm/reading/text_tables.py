@@ -18,7 +18,7 @@ _QUOTED_TEXT = re.compile(r'"[^"]*"')
 _DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _COMMA_AND_BLANK = re.compile(r",\s+")
-_EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # declares the separator
+_EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # a line that declares the separator
 _POINT = re.compile(r"\d\.|\.\d")
 _WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
@@ -186,7 +186,7 @@ def _refused(error: ValueError, places: Sequence[int] = ()) -> ValueError:
         f"row {found['row']} of the numbers has {one_line(found['word'], 60)} in column "
         f"{places[place] if places else place} (both counting from 0); expected a number"
         if found
-        else str(error).partition("; use `usecols`")[0]  # NumPy's advice for programmers
+        else str(error).partition("; use `usecols`")[0]  # removes NumPy's advice for programmers
     )
 
 

@@ -95,7 +95,7 @@ class _Parser:
                 raise ValueError(
                     f"the dataset is {brief(words[0])}; expected {' or '.join(_KINDS)}"
                 )
-        elif keyword == "METADATA":  # up to an empty line
+        elif keyword == "METADATA":  # metadata continue up to an empty line
             end = re.compile(rb"\n[ \t\r]*\n").search(self._data, self._begin - 1)
             self._begin = end.end() if end else len(self._data)
         elif keyword == "POINTS":
@@ -118,7 +118,7 @@ class _Parser:
         if keyword == "SCALARS":
             columns, kind = _count(words[2]) if len(words) > 2 else 1, words[1]
             begin = self._begin
-            if self._words()[:1] != ["LOOKUP_TABLE"]:  # an optional line
+            if self._words()[:1] != ["LOOKUP_TABLE"]:  # the line LOOKUP_TABLE is optional
                 self._begin = begin
         elif keyword == "COLOR_SCALARS":
             columns, kind = _count(words[1]), "unsigned_char"

@@ -175,7 +175,7 @@ class RegistrationTask(Task):
     options: Mapping[str, Any] = field(default_factory=dict)
     # parameters that the user set; the defaults of the others depend on the functions
     parameters: Mapping[str, Any] = field(default_factory=dict)
-    max_distortion: float | None = None  # see `abfm.registration.limit_distortion`
+    max_distortion: float | None = None  # argument of `abfm.registration.limit_distortion`
 
     kind: ClassVar = "registration"
     summary: ClassVar = "register one surface to another by functions or landmarks on both"

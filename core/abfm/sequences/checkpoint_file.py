@@ -67,7 +67,7 @@ class SequenceCheckpoint:
     ) -> None:
         self._result, self._on_found, self.solve_remaining = result, on_found, solve_remaining
         self._problem, self._next_write = "", 0.0
-        self.path: Path | None = None  # set by `restore`
+        self.path: Path | None = None  # path, set by `restore`
 
     def restore(self, solver: SequenceSolver) -> None:
         """Restore a solver from the checkpoint of its problem, unless the file is damaged."""

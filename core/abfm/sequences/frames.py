@@ -103,7 +103,7 @@ def check_frames(
         raise FunctionError("there is only one frame; expected at least two")
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
-    if np.may_share_memory(frames, given):  # frames are modified below
+    if np.may_share_memory(frames, given):  # a copy, as frames are modified below
         frames = frames.copy()
     channel_weights = checked_weights(weights, frames.shape[2], "weights", "channel")
     warn_of_phases(mesh, frames[0].T)

@@ -505,7 +505,7 @@ def _refuse_extremes(frames: Frames, given: SequenceParameters) -> None:
     """Raise FunctionError if values or times are so large or small that squares overflow."""
     largest = float(np.abs(frames.values).max())
     with np.errstate(over="ignore"):
-        _ = frames.deviation  # raises an error for extreme masks
+        _ = frames.deviation  # this raises an error for extreme masks
     relative = replace(given, sigma_unit="relative")
     sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
     shortest, longest = int(frames.durations.argmin()), int(frames.durations.argmax())

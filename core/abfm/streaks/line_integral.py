@@ -164,7 +164,7 @@ class Track(NamedTuple):
     The arrays begin at the backward end of the streamline; its start is in their middle.
     """
 
-    noise: FloatArray  # (2 n,), mean over each step
+    noise: FloatArray  # (2 n,), mean noise over each step
     texels: IndexArray  # (2 n m + 1,), after each part of a step; -1 beyond the end
     misses: IndexArray  # (2 n m + 1,) of uint8, squared distances from texel centres, 1 to 201
     place: FloatArray  # (3,), current position in space
@@ -298,7 +298,7 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     for texel in range(done.size):
         f = lines.owners[texel]
         inside = f >= 0 and weigh_texel(lines, texel, b)
-        done[texel] = inside and not lines.flow.vectors[f].any()  # no field here
+        done[texel] = inside and not lines.flow.vectors[f].any()  # there is no field here
         nearest[texel] = _NEW_TEXEL if inside and not done[texel] else 0
     for texel in range(done.size):
         if nearest[texel] != _NEW_TEXEL or between_known(lines, nearest, texel):

@@ -90,12 +90,12 @@ class Input:
     """An input of a task: a column of tables, and an option of the task's command."""
 
     name: str  # name of the column, and of the option after ``--``
-    help: str  # one line for ``--help``
+    help: str  # text for ``--help``, one line
     read: Callable[[str], Any] = str  # parses a text and returns its value, or raises an AbfmError
     # name of the value in ``--help``, one word for each value; empty for a flag, whose text is
     # "yes"
     metavar: str = ""
-    group: str = ""  # heading in ``--help``
+    group: str = ""  # heading of its group in ``--help``
     default: str = ""  # default value as shown in ``--help``; empty if none is shown
     without_value: str = ""  # text of an option without a value; empty if it needs a value
     # replaces the file names in a text

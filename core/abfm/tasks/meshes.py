@@ -20,7 +20,7 @@ def mesh_of(path: str, values: Mapping[str, Any]) -> TriangleMesh:
         status = os.stat(path)
         fingerprint = status.st_size, status.st_mtime_ns
     except (OSError, ValueError):
-        fingerprint = 0, 0  # loading reports the cause
+        fingerprint = 0, 0  # loading the mesh reports the cause
     return _loaded(path, fingerprint, mesh_options(values))
 
 

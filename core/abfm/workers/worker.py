@@ -237,7 +237,7 @@ class _Connection:
                     self._arrived.notify_all()
 
     def _send(self, message: object) -> None:
-        with suppress(ProcessEndedError):  # raised again when the answer is missing
+        with suppress(ProcessEndedError):  # the error is raised again when the answer is missing
             self.process.send(message)
 
     def _send_updates(self) -> None:
@@ -294,7 +294,7 @@ class Server:
         for message in self._requests:
             match message:
                 case ControlUpdate(number, paused, cancelled, skip_checks):
-                    # the call may be over
+                    # the call may have ended already
                     control = self._controls.get(number, Control())
                     control.cancel(skip_checks) if cancelled else control.set_paused(paused)
                 case Request(number, parcel, is_immediate):

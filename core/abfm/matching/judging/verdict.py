@@ -136,7 +136,7 @@ class Evidence:
     refined: int = 0  # number of subdivisions of the mesh
     # initial and final errors of the landmarks, (L,) each, in sqrt(area); None without landmarks
     landmarks: tuple[FloatArray, FloatArray] | None = None
-    held_out: float = math.nan  # see `PathStep.held_out`; NaN if unknown
+    held_out: float = math.nan  # number `PathStep.held_out`; NaN if unknown
     bound: Bound | None = None  # the bound of distortion of the search, if any
 
 

@@ -128,7 +128,7 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
     source, target = (interpolated(mesh, h.T) for h in (functions.source, functions.target))
     advected, duration = source, parameters.tau / len(fields)
     try:
-        for field in fields:  # one at a time, to save memory
+        for field in fields:  # one field at a time, to save memory
             flow = Flow(fine, field_on_children(mesh, field), duration, parameters.paper.method)
             advected = flow.push(advected, duration)
     except AdvectionError:

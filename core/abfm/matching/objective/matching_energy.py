@@ -84,8 +84,8 @@ class Bracket:
 
     mesh: TriangleMesh
     fields: FloatArray  # (N, F, 2)
-    substeps: int  # n
-    quadrature: int  # k
+    substeps: int  # the number n of the formula
+    quadrature: int  # the number k of the formula
 
     def advect(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
         return flow.forward(f)
@@ -157,7 +157,7 @@ class Objective:
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         """Evaluate the objective at frame coefficients (N, F, 2)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # unstable flows overflow
+        with np.errstate(over="ignore", invalid="ignore"):  # unstable flows may overflow
             momentum = self.tau / len(x) * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
@@ -311,14 +311,14 @@ class MatchingEnergy:
 
     def clustered(self) -> MatchingEnergy:
         """Return the energy for functions that are constant on each cluster of vertices."""
-        energy = copy(self)  # shares the norms
+        energy = copy(self)  # the copy shares the norms
         energy.discretisation = self.discretisation.clustered()
         return energy
 
     def with_mask(self, mask: FloatArray) -> MatchingEnergy:
         """Return the energy with another mask (V,) of source and target."""
         energy = MatchingEnergy(self.problem.with_mask(mask))
-        energy._regularizers = self._regularizers  # share the factorisations
+        energy._regularizers = self._regularizers  # both energies share the factorisations
         return energy
 
     def regularizer(self, alpha: float | None = None) -> Regularizer:

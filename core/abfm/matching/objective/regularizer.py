@@ -60,7 +60,7 @@ class Regularizer:
             self._definite(shapes.edge_areas, self._edges, of_edges),
             np.where(self._inner, masses, np.inf),
         )
-        self._factors: list[Solve] = []  # shared by all orders
+        self._factors: list[Solve] = []  # factors shared by norms of all orders
 
     def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:
         """Return the masses, raised to the size of rounding errors of the stiffness."""

@@ -126,7 +126,7 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
             raise
         reason = StopReason.OUT_OF_MEMORY
     # after the exception handlers, so that the memory of the interrupted step is free
-    with controlled(Control()):  # finish also if cancelled
+    with controlled(Control()):  # finishes even if cancelled
         return finish(state, reason)
 
 
@@ -445,7 +445,7 @@ def _refinement(state: State) -> State:
     except AbfmError:  # there are faces without area, or a term cannot be subdivided
         return done
     coarse, fine = (level.energy.functions for level in levels.all[-2:])
-    if not is_requested and not narrowest(fine) > narrowest(coarse):  # jumps are never resolved
+    if not is_requested and not narrowest(fine) > narrowest(coarse):  # jumps remain unresolved
         return done
     levels, result = levels.clustered(), state.path[_end(state)]
     progress, first = state.progress, levels.cheapest(len(levels) - 1)

@@ -55,7 +55,7 @@ class Descent:
     until: int  # total number of iterations at which it ends
     at_limit: StopReason  # the stop reason if it ends at ``until``
     search: Search
-    current: Any  # iterate of the search
+    current: Any  # current iterate of the search
     last_iterate: Any  # the latest iterate that did not fail, maybe of the stage before
     progress: Progress
     least: Evaluation  # the iterate of least energy
@@ -83,7 +83,7 @@ def minimise(
         _refuse_overflow(best, levels)
     record.begin_stage(levels, stage, best)
     if stage.level != before.level:
-        record.last_iterate = None  # belongs to another level
+        record.last_iterate = None  # the last iterate belongs to another level
     progress = replace(before, best=best, level=stage.level)
     if energy.residual_at(best, stage.shift) <= levels.attainable(stage.goal):
         return replace(progress, reason=StopReason.GOAL_REACHED)
@@ -130,7 +130,7 @@ def step(descent: Descent) -> Descent:
         current = search.init(current.x, current.point)
     counted = record.evaluations
     current = search.step(current)
-    if progress.effort_max < np.inf:  # counting takes time
+    if progress.effort_max < np.inf:  # products are only counted if needed, as this takes time
         cost = (record.evaluations - counted) * descent.level.cost(progress.point.x)
         progress = replace(progress, effort=progress.effort + cost)
     if current.failed:

@@ -45,7 +45,7 @@ class GaussNewton:
     """A search for the minimum of an energy with second derivative of about ``A + J^T D J``."""
 
     evaluate: Callable[[FloatArray], Evaluation]
-    inverse: Inverse  # the inverse of A
+    inverse: Inverse  # applies the inverse of A
     curvature: Callable[[FloatArray], LandmarkCurvature]  # J and D at some fields
     size: Callable[[FloatArray], float]  # the size of a step, which is limited
     size_max: float
@@ -108,7 +108,7 @@ def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: Floa
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
 
     def applied(gradient: FloatArray) -> FloatArray:
-        if not known:  # the first call
+        if not known:  # the first call computes the factors
             moved = np.empty((len(curvature), gradient.size))
             for number in range(len(curvature)):
                 checkpoint()

@@ -31,7 +31,7 @@ class StopReason(StrEnum):
     GOAL_REACHED = "goal reached"  # the residual is well below the goal
     NO_PROGRESS = "no progress"  # the energy fell too little
     ITERATION_LIMIT = "iteration limit"
-    LINE_SEARCH_FAILED = "line search failed"  # often because of rounding errors
+    LINE_SEARCH_FAILED = "line search failed"  # rounding errors are a usual cause
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"  # the best field so far is the result
     GIVEN = "given"  # the field was given, not computed
@@ -70,9 +70,9 @@ class View(Protocol):
 class Score(NamedTuple):
     """The score of a step by held-out patches, see `held_out`; NaN if none were held out."""
 
-    value: float = math.nan  # smaller is better
-    held_out: float = math.nan  # residual of the patches
-    unmoved: float = math.nan  # residual of the patches without motion
+    value: float = math.nan  # score; smaller is better
+    held_out: float = math.nan  # residual of the held-out patches
+    unmoved: float = math.nan  # residual of the held-out patches without motion
 
     @property
     def gain(self) -> float:

@@ -212,7 +212,7 @@ class FunctionTerm:
         shares = self.areas / self.areas.sum()
         deviations = []
         for functions in (one, other):
-            shifted = functions - functions[:, :1]  # exactly zero for constant functions
+            shifted = functions - functions[:, :1]  # this is exactly zero for constant functions
             # not by BLAS, whose threads block each other if other programs run
             deviations.append(shifted - np.einsum("cv,v->c", shifted, shares)[:, None])
         return float(self.weights @ np.einsum("cv,v->c", deviations[0] * deviations[1], self.areas))
@@ -256,7 +256,7 @@ class _Mismatch:
 
     functions: FunctionTerm
     unit: float
-    norm: Callable[[FloatArray], FloatArray]  # multiplies by M
+    norm: Callable[[FloatArray], FloatArray]  # multiplies functions by the mass matrix M
 
     def value_and_derivative(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
         scale, derivative, total = float(sigma * self.unit), np.empty_like(advected), 0.0

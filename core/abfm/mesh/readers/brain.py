@@ -13,7 +13,7 @@ from abfm.reading import (
 from abfm.reading import read_gifti as gifti
 from abfm.wording import counted
 
-_MNI_PROPERTIES = 5  # numbers that describe the reflection of light
+_MNI_PROPERTIES = 5  # count of numbers that describe the reflection of light
 
 
 def read_gifti(opened: Opened) -> FileContents:

@@ -24,7 +24,7 @@ class FileContents(NamedTuple):
 
     vertices: FloatArray
     faces: IntArray
-    messages: tuple[str, ...] = ()  # changes, one line each
+    messages: tuple[str, ...] = ()  # notes on changes, one line each
     side: str = ""  # the hemisphere, "L" or "R", if the file has this information
 
 

@@ -21,7 +21,7 @@ _HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
 _ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
 _BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE)
 _COMMENT = re.compile(r"#[^\n]*+")
-_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # count that follows the others
+_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # count of edges after the others
 _NORMAL_COLUMNS = 3
 _COLOR_COLUMNS = (4, 3)  # numbers of a colour with and without opacity
 _TEXTURE_COLUMNS = 2

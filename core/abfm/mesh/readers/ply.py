@@ -79,7 +79,7 @@ def read_ply(opened: Opened) -> FileContents:
 def ply_contents(opened: Opened) -> PlyFile:
     """Read a PLY file with the values of its vertices; raise a ValueError if it is invalid."""
     data = opened.data
-    if not data.startswith(b"ply"):  # the text has another encoding
+    if not data.startswith(b"ply"):  # the text has another encoding than UTF-8
         data = decoded(data, "replace").encode()
     end = _END.search(data)
     begins = data.startswith(b"ply")

@@ -35,7 +35,7 @@ class Hints(NamedTuple):
 
     places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
     at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), eigenfunctions there, on A and on B
-    weights: FloatArray  # (L,), of the landmarks, with mean 1
+    weights: FloatArray  # (L,), weights of the landmarks, with mean 1
     functions: tuple[FloatArray, FloatArray]  # (K, C), coefficients with norm 1, on A and on B
 
 

@@ -303,7 +303,7 @@ def by_surface(names: list[str], places: list[int]) -> list[int]:
 def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     count = len(first)
     has_index = not first[0] and count > 1 and not any(not c or is_number(c) for c in first[1:])
-    if has_index:  # an unnamed column, as pandas writes it
+    if has_index:  # an unnamed index column, as pandas writes it
         first = ["index", *first[1:]]
     if is_number(first[0]) or not first[0].strip():
         others = {"curve": count - 1} if count in (3, 7) and not is_number(first[-1]) else {}
@@ -315,7 +315,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     places = [k for k in range(has_index, count) if k not in others.values()]
     if named:
         places = by_surface(first, places)
-    has_decimal_commas = len(places) == 12  # between separating commas
+    has_decimal_commas = len(places) == 12  # decimal commas between separating commas
     if len(places) not in (2, 6):
         hint = ". Use decimal points, as commas separate columns" if has_decimal_commas else ""
         raise AbfmError(

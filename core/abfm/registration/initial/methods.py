@@ -39,7 +39,7 @@ class InitialMapMethod(NamedTuple):
     """A method that finds an initial map."""
 
     form: str  # how the method is written
-    about: str  # a short description
+    about: str  # description of the method in a few words
     find: Callable[[MapInput, list[str]], Initial]  # takes the arguments after the colon
 
     @property

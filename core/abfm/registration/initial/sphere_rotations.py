@@ -24,11 +24,11 @@ from abfm.workers.progress import step
 
 _ROTATIONS = 20_000  # number of rotations that are tried, about 9 degrees apart
 _CELLS = (400, 1600, 6400)  # numbers of cells, which are 10, 5 and 2.5 degrees wide
-_REFINED_ROTATIONS = 12  # rotations that are refined
-_ROTATIONS_AT_ONCE = 500  # rotations in memory
+_REFINED_ROTATIONS = 12  # number of rotations that are refined
+_ROTATIONS_AT_ONCE = 500  # rotations in memory at the same time
 _ROTATION_ANGLE_MIN = np.radians(12)  # closer rotations count as one
 _SIMPLEX_SIZES = np.radians((6, 3, 1.5))  # first size of the simplex for each number of cells
-_LATITUDES = 180  # rows of the tables
+_LATITUDES = 180  # rows of tables of rotated functions
 _SIGN_WEIGHT = 0.9  # factor of negative correlations
 _EQUAL_CORRELATION_SHARE = 0.99  # with this share of the best correlation, nothing is rotated
 _CONSTANT = 1e-9  # functions that vary less, relative to their largest value, are constant

@@ -52,7 +52,7 @@ def warn_of_numbering(
 
 
 def _distances(mesh: TriangleMesh, vertices: IntArray) -> FloatArray:
-    from scipy.sparse.csgraph import dijkstra  # slow to import
+    from scipy.sparse.csgraph import dijkstra  # imported here, as it is slow to import
 
     found = dijkstra(edge_graph(mesh), directed=False, indices=vertices)[:, vertices]
     return np.asarray(found / mesh.length_scale)

@@ -30,7 +30,7 @@ from abfm.workers.progress import step
 SIGMA_MAX = 9.0  # first sigma of a search without a start, relative to the size of the frames
 SIGMA_MIN = 0.1  # smallest sigma that is tried if none is given
 _INTERVALS = 3  # number of intervals with held-out patches
-_ITERATIONS = 3  # Gauss-Newton iterations for each sigma
+_ITERATIONS = 3  # number of Gauss-Newton iterations for each sigma
 _GAIN_SHARE_MIN = 0.001  # smallest gain, as a share of the explained held-out variance
 # a long-range match is tried if all sigmas have a larger residual, relative to the initial one
 _RESIDUAL_LARGE = 0.6

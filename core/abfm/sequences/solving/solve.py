@@ -56,7 +56,7 @@ class SequenceSolver:
         self.given = parameters
         self.levels = noise_levels(frames) if levels is None else levels
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
-        self.energies = np.full(len(self.fields), np.nan)  # without the coupling in time
+        self.energies = np.full(len(self.fields), np.nan)  # energies without the coupling in time
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
         self.is_chosen = bool(parameters.sigma) and not parameters.automatic

@@ -106,6 +106,6 @@ def face_indices(
     turned = np.angle(np.where(still, reference, vectors) / around.middles)
     from_first, from_last = turned + half, turned - half
     changes = np.roll(from_last, -1, axis=1) - np.pi - from_first
-    changes = np.pi - (np.pi - changes) % (2 * np.pi)  # within (-pi, pi]
+    changes = np.pi - (np.pi - changes) % (2 * np.pi)  # changes of angle within (-pi, pi]
     total = (changes.sum(axis=1) + holonomy) / (2 * np.pi)
     return np.where(still.all(axis=1), 0, np.rint(total)).astype(np.int64)

@@ -129,7 +129,7 @@ class Pair(NamedTuple):
 class Start(NamedTuple):
     """A candidate before relaxation."""
 
-    kind: str  # one of `KINDS`
+    kind: str  # kind, one of `KINDS`
     side: int  # 1, or -1 for the mirror image
     coarse: Callable[[Pair], IntArray]  # returns the vertex of A for each of B on coarse meshes
     fine: Callable[[], Initial] | None = None  # returns the map on all vertices, if there is one
