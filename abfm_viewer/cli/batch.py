@@ -61,6 +61,7 @@ SUMMARY = "solve a table of problems on all cores or a cluster, and resume it la
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
 """Most rows whose summary is written after a signal, which takes less than a second."""
 _FAILURES_MAX = 8  # printed failures
+_NAMES_MAX = 8  # printed names of rows with one outcome
 _PICTURE_COLORS = 64  # colours of a small picture
 _PARAGRAPH = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
 DESCRIPTION = """\
@@ -173,7 +174,9 @@ def run(arguments: argparse.Namespace) -> int:
             rows, title = read_table(arguments.table), printable(arguments.table.name)
             if status is not None and not ledger.folder.is_dir():
                 folder = printable(arguments.out)
-                raise UsageError(f"there is no folder {folder}, so that no row is solved yet")
+                raise UsageError(
+                    f"the folder {folder} does not exist; give the folder of the results of a batch"
+                )
             entries = [] if status is None else ledger.entries(rows)
     if status is None:
         return solve(rows, title, arguments)
@@ -367,6 +370,7 @@ def _lines(
         for outcome, count in found.items()
     )
     lines = [f"{counted(len(rows), 'row')}: {words}{_duration(seconds)}"]
+    lines += _unsolved_lines(rows)
     lines += [] if best is None else best.sentences()
     failed = [row for row in rows if row.facts.outcome is Outcome.FAILED or row.entry.reason]
     lines += [f"  {_line(row)}" for row in failed[:_FAILURES_MAX]]
@@ -376,6 +380,20 @@ def _lines(
         lines.append(_resume_advice(seconds is not None))
     if written:
         lines.append(f"wrote {', '.join(printable(path) for path in written)}")
+    return lines
+
+
+def _unsolved_lines(rows: Sequence[SummaryRow]) -> list[str]:
+    """Return the names of the rows that did not reach their target or are not finished."""
+    lines = []
+    for outcome in (Outcome.NOT_REACHED, Outcome.IMPOSSIBLE, Outcome.MISSING):
+        names = [one_line(row.name, 80) for row in rows if row.facts.outcome is outcome]
+        if not names:
+            continue
+        label = "not finished" if outcome is Outcome.MISSING else outcome
+        more = len(names) - _NAMES_MAX
+        tail = f" and {more} more, listed in the summary" if more > 0 else ""
+        lines.append(f"  {label}: {', '.join(names[:_NAMES_MAX])}{tail}")
     return lines
 
 

@@ -18,7 +18,7 @@ def asset_path(name: str) -> Path:
     if name not in names:
         known = ", ".join(names) or "none"
         raise MeshError(
-            f"there is no bundled mesh {name}{did_you_mean(name, names)}; available: {known}"
+            f"there is no bundled file {name}{did_you_mean(name, names)}; available: {known}"
         )
     return _folder() / name
 

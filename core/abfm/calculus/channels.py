@@ -13,7 +13,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
-from abfm.reading import Columns
+from abfm.reading import Columns, counts_of
 from abfm.types import BoolArray, FloatArray
 
 _RANGE_SHARE_MIN = 0.01  # smallest range of values that vary, relative to their middle
@@ -36,6 +36,30 @@ def at_vertices(
         return _by_index(mesh, values, name)
     except (ValueError, TypeError) as problem:
         raise error(one_line(problem, 400)) from problem
+
+
+def with_checked_shape(
+    mesh: TriangleMesh, values: FloatArray, name: str, error: type[AbfmError] = FunctionError
+) -> FloatArray:
+    """Return values unchanged; raise an ``error`` unless they are (V,) or (V, C), and not empty.
+
+    V is the number of vertices of the mesh or of its file.
+    """
+    if values.ndim in (1, 2) and values.size and len(values) in counts_of(mesh):
+        return values
+    number = mesh.file_vertex_count
+    raise error(
+        f"{name} has shape {values.shape}, but {vertex_count_text(mesh)}; expected ({number},) or "
+        f"({number}, channels)"
+    )
+
+
+def vertex_count_text(mesh: TriangleMesh) -> str:
+    """Return a clause with the number of vertices of a mesh, and of its file if they differ."""
+    count, in_file = counts_of(mesh)
+    if count == in_file:
+        return f"the mesh has {count} vertices"
+    return f"the mesh has {count} of the {in_file} vertices of its file"
 
 
 def with_index(values: Any) -> Any:
@@ -72,12 +96,7 @@ def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
 
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     """Check a function (V,) or (V, C), of the file or the mesh, and return its channels (C, V)."""
-    array = at_vertices(mesh, values, name)
-    if array.ndim not in (1, 2) or array.size == 0:
-        raise FunctionError(
-            f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)"
-        )
-    array = mesh.restrict(array)
+    array = mesh.restrict(with_checked_shape(mesh, at_vertices(mesh, values, name), name))
     bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
     if len(bad):
         raise FunctionError(

@@ -28,8 +28,6 @@ def known_functions(
         values = np.stack([function(mesh, text, allow_missing=True) for text in texts])
     else:
         array = as_values(mesh, functions, name)
-        if array.ndim not in (1, 2) or array.size == 0:
-            raise FunctionError(f"{name} has shape {array.shape}; expected (V,) or (V, C)")
         values = mesh.restrict(array.reshape(len(array), -1)).T
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=0))
     if mask is not None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from abfm.calculus.channels import at_vertices
+from abfm.calculus.channels import at_vertices, with_checked_shape
 from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.functions.family import texts_of
 from abfm.functions.files import ValuesFile
@@ -65,7 +65,8 @@ def as_values(
     try:
         found = values_of_object(mesh, source)
         if found is None:
-            return at_vertices(mesh, source, name, error)
+            array = at_vertices(mesh, source, name, error)
+            return with_checked_shape(mesh, array, name, error)
         if found.are_sources:
             table = interpolate_sources(found.columns, mesh)[0].T
         else:

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import TypeVar, Unpack
 
+from abfm.assets import asset_names, asset_path
 from abfm.errors import MeshError, ParameterError, one_line
 from abfm.mesh.objects import MeshLike, contents_of, parts_of
 from abfm.mesh.options import MeshKeywords
@@ -191,6 +192,14 @@ def _of_object(source: object, hemisphere: str | None) -> FileContents:
         raise MeshError(one_line(error, 400)) from error
 
 
+def _missing_file(path: str | os.PathLike[str]) -> str:
+    """Return the message of a missing file, with the path of a bundled file of this name."""
+    name = os.path.basename(path)
+    if name not in asset_names():
+        return "the file does not exist"
+    return f"the file does not exist. A bundled file has this name; use {asset_path(name)}"
+
+
 def read_contents(
     path: str | os.PathLike[str], readers: Readers[Contents], expected: str
 ) -> Contents:
@@ -215,7 +224,7 @@ def read_contents(
         raise
     except FileNotFoundError as error:
         missing = f"the file refers to {one_line(error.filename)}, which does not exist"
-        raise MeshError(missing if opened else "the file does not exist") from error
+        raise MeshError(missing if opened else _missing_file(path)) from error
     except IsADirectoryError as error:
         folder = "the file refers to a folder instead of a file. Correct the name"
         raise MeshError(folder if opened else "this is a folder, not a file") from error

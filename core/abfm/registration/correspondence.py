@@ -128,10 +128,8 @@ class Correspondence(Display):
         vertices of A around that point, see `to_matrix`. Values that are not finite give values
         that are not finite.
         """
-        given = as_values(self.a, h, "h")
-        if given.ndim not in (1, 2):
-            raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
-        transferred: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)
+        given = self.a.restrict(as_values(self.a, h, "h"))
+        transferred: FloatArray = _without_zeros(self.to_matrix(by)) @ given
         return transferred
 
     def transfer_labels(self, labels: ArrayLike, by: TransferMethod = "point") -> IntArray:

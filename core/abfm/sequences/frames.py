@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import extension
+from abfm.calculus.channels import extension, vertex_count_text
 from abfm.errors import FunctionError, ParameterError
 from abfm.functions.circular import warn_of_phases
 from abfm.matching.problem import Problem
@@ -22,6 +22,7 @@ from abfm.matching.terms.functions import (
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
+from abfm.reading import counts_of
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.progress import stepped
@@ -98,6 +99,12 @@ def check_frames(
     if given.ndim not in (2, 3) or given.size == 0:
         raise FunctionError(
             f"frames have shape {given.shape}; expected (T, V) or (T, V, C), a row for each frame"
+        )
+    if given.shape[1] not in counts_of(mesh):
+        number = mesh.file_vertex_count
+        raise FunctionError(
+            f"frames have shape {given.shape}, but {vertex_count_text(mesh)}; expected "
+            f"(T, {number}) or (T, {number}, C), a row for each frame"
         )
     if len(given) < 2:
         raise FunctionError("there is only one frame; expected at least two")

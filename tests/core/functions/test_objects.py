@@ -201,6 +201,10 @@ REFUSED = {
     "beyond": (pandas.Series(X, index=np.arange(COUNT) + 1), (COUNT,)),
     "names": (pandas.Series(X, index=[f"v{i}" for i in range(COUNT)]), ("to_numpy",)),
     "halves": (pandas.Series(X, index=np.arange(COUNT) + 0.5), ("to_numpy",)),
+    "short": (X[:-1], ("f", COUNT - 1, COUNT)),
+    "a scalar": (1.0, (COUNT,)),
+    "three axes": (np.zeros((COUNT, 1, 1)), (COUNT,)),
+    "empty": ([], (COUNT,)),
     "texts": (pandas.Series(["1"] * COUNT), ()),
     "two columns of vertices": (
         pandas.DataFrame(np.c_[X, X, X], columns=["x", "node", "node"]),
@@ -228,6 +232,24 @@ REFUSED = {
 def test_values_that_do_not_fit_are_refused(given, named):
     with raises(FunctionError, *named):
         as_values(BALL, given, "f")
+
+
+@pytest.mark.filterwarnings("ignore::abfm.errors.AbfmWarning")
+def test_wrong_number_of_values_is_refused_everywhere():
+    f, numbers = X[:-1], (COUNT - 1, COUNT)
+    still = np.zeros((len(BALL.faces), 3))
+    for call in (
+        lambda: abfm.match(BALL, X, f),
+        lambda: abfm.Problem(BALL, f, X),
+        lambda: abfm.register(BALL, BALL, f, X, initial=np.arange(COUNT)),
+        lambda: abfm.sequence(BALL, [X, f]),
+        lambda: abfm.sequence(BALL, np.stack([f, f])),
+        lambda: abfm.advect(BALL, still, f, 1.0),
+    ):
+        with raises(FunctionError, *numbers):
+            call()
+    with raises(ParameterError, "mask", *numbers):
+        abfm.Problem(BALL, X, X, mask=np.abs(f))
 
 
 def test_all_functions_accept_value_objects():

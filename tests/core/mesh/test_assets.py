@@ -25,6 +25,11 @@ def test_unknown_asset_suggests_a_similar_name():
         asset_path("../pyproject.toml")
 
 
+def test_missing_file_with_the_name_of_an_asset(tmp_path):
+    with raises(MeshError, "eight.off", str(asset_path("eight.off"))):
+        load_mesh(tmp_path / "eight.off")
+
+
 def test_human_symmetry_maps_faces_to_faces():
     """The symmetry of the human maps faces to faces, and applied twice it is the identity."""
     opposite = np.loadtxt(asset_path("human.symperm.txt"), dtype=int)

@@ -15,6 +15,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.map_input import MapInput
 from abfm.registration.initial.methods import initial_map
 from abfm.registration.register import prepare
+from abfm.registration.report import initial_details
 from tests.mesh_writers import off_text, write
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, torus
@@ -187,3 +188,16 @@ def test_landmarks_on_other_surfaces_are_refused():
     other = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
     with raises(ParameterError):
         prepare(OTHER, BALL, landmarks=(other, on_a[np.array([0])]), initial="sphere")
+
+
+def test_notes_name_the_chosen_map():
+    rolled, order = moved(BODY)
+    pairs = np.array([[order[k], k] for k in (3, 77, 120, 190)])
+    landmarks = Landmarks.of_vertices(BODY, rolled, pairs[:, 0], pairs[:, 1])
+    found = initial_map("landmarks", MapInput(BODY, rolled, landmarks=landmarks))
+    check_message(found.notes[0], "landmarks", found.correspondence.candidates[0].name)
+    stretched = TriangleMesh(BODY.vertices * [1, 1, 1.1], BODY.faces)
+    for method in ("auto", "connectivity"):
+        same = initial_map(method, MapInput(BODY, stretched))
+        check_message(same.notes[0], "connectivity", "same faces")
+        assert initial_details(same.correspondence)["initial"] == "connectivity"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -67,19 +67,32 @@ def initial_map(initial: object, given: MapInput) -> Initial:
             f"{', '.join(method.form for method in METHODS)}"
         )
     rest = initial.partition(":")[2]
-    found = method_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
-    first = found.correspondence.candidates
-    if not first:
+    method = method_of(initial)
+    found = method.find(given, [p for part in rest.split(",") if (p := part.strip())])
+    if not found.correspondence.candidates:
         named = found.correspondence.with_candidates((Candidate(initial, np.nan),))
-        return found._replace(correspondence=named)
-    if len(first) == 1:
-        return found
-    chosen, second = first[:2]
-    ranking = (
-        f"initial map: {chosen.name}, cost {chosen.cost:.2f} (second best: {second.name}, cost "
-        f"{second.cost:.2f})"
-    )
-    return found._replace(notes=(ranking, *found.notes))
+        found = found._replace(correspondence=named)
+    choice = _choice_notes(method.name, found.correspondence.candidates)
+    return found._replace(notes=(*choice, *found.notes))
+
+
+def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Return a note on the chosen candidate, if it was compared or differs from the method."""
+    chosen, others = candidates[0], candidates[1:]
+    name, note = chosen.name, ""
+    if method == "landmarks" and name.partition(":")[0] != method:
+        name = f"{method} (found by the method {name})"
+        note = f"initial map: {name}"
+    if others:
+        second = others[0]
+        note = (
+            f"initial map: {name}, cost {chosen.cost:.2f} (second best: {second.name}, cost "
+            f"{second.cost:.2f})"
+        )
+    if chosen.name == "connectivity":
+        note = note or f"initial map: {name}"
+        note += "; vertices correspond by their numbers, as both meshes have the same faces"
+    return (note,) if note else ()
 
 
 def method_of(initial: str) -> InitialMapMethod:

@@ -110,9 +110,17 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
 
 
 def _array(mesh: TriangleMesh, given: Any) -> FloatArray:
-    given = with_index(given)
-    if isinstance(given, list | tuple) and not all(isinstance(each, list) for each in given):
-        return np.stack([as_values(mesh, frame, "frames") for frame in given])
+    given, counts = with_index(given), counts_of(mesh)
+    is_list = isinstance(given, list | tuple) and not all(isinstance(each, list) for each in given)
+    has_vertex_rows = (
+        is_list
+        and len(given) in counts
+        and isinstance(given[0], np.ndarray)
+        and given[0].ndim == 1
+        and len(given[0]) not in counts
+    )
+    if is_list and not has_vertex_rows:
+        return np.stack([as_values(mesh, each, f"frame {i}") for i, each in enumerate(given)])
     is_table = has(given, "iloc", "columns")
     if is_table and given.shape[1] in counts_of(mesh):
         return at_vertices(mesh, given.T, "frames").T
