@@ -406,7 +406,7 @@ class TableRow:
         return parameters.with_values(**self.values) == parameters
 
     def parameters(self, **others: Any) -> Parameters:
-        """Return parameters with the values of the row and, by name, other values."""
+        """Return parameters with the values of the row, and other values given by name."""
         return Parameters.of(**self.values | others)
 
 

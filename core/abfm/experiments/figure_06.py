@@ -74,7 +74,7 @@ def figure_6(setup: FigureSetup) -> Script:
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
-    """Compare with the exact pushforward on a surface, coarse to fine."""
+    """Compare with the exact pushforward on meshes of a surface, from coarse to fine."""
     name, transports = levels[-1].name, "the pushforward transports u over the flow lines of v"
     coarse, fine = (
         [case.error(case.pushed(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]

@@ -225,8 +225,8 @@ def findings_of(script: Script, matches: Sequence[Match] | None = None) -> Findi
 def example_in_subprocess(figure: int) -> tuple[Example, Match | None]:
     """Create the example of a figure on its own mesh, in a subprocess.
 
-    Eigenfunctions and geodesics would block a window. The second value is the given flow, see
-    `match_of_flow`. Raises AbfmError if the example cannot be created.
+    In this process, computing eigenfunctions and geodesics would block a window. The second value
+    is the given flow, see `match_of_flow`. Raises AbfmError if the example cannot be created.
     """
     ended = f"figure {figure} could not be set up because its process ended; try again"
     with closing(Worker(no_state, ended)) as worker:

@@ -65,10 +65,7 @@ class FlowLineDerivative:
         self._fans = _Fans(points)
 
     def walk(self, x: FloatArray) -> Walk:
-        """Follow fields (N, F, 2), ``tau / N`` each.
-
-        AdvectionError if they cross too many faces.
-        """
+        """Follow fields (N, F, 2), each for ``tau / N``; AdvectionError after too many faces."""
         faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
         tapes: list[Tape] = []
         places = np.empty((len(faces), 2))

@@ -157,7 +157,10 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed, in edges, from corner ``c + 1`` to ``c + 2`` if both faces push to it."""
+    """Return the speed, in edges, along an edge to which the fields of both its faces point.
+
+    Positive speeds lead from corner ``c + 1`` to ``c + 2`` of face ``f``.
+    """
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
     here, there = flow.rates[f, c], flow.rates[g, k] * (flow.areas[g] / flow.areas[f])

@@ -113,10 +113,7 @@ class Family(Spec):
         return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
 
     def shape(self) -> str:
-        """Return the name of the first form that has all parameters that are set.
-
-        Empty if there is none.
-        """
+        """Return the name of the first form that has all set parameters; empty if none has."""
         changed = self._changed().keys()
         fitting = (name for name, shape in self.shapes.items() if changed <= set(shape.parameters))
         return next(fitting, "")

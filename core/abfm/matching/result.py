@@ -285,7 +285,7 @@ class Match(Display):
 
     @np.errstate(over="ignore", invalid="ignore")  # files may have functions that are too large
     def _checked_against(self, problem: Problem, fine_advected: FloatArray) -> Match:
-        """Return the match, with new numbers if they disagree with the advected source (V, C)."""
+        """Return the match; recompute its numbers if a newly advected source (V, C) disagrees."""
         advected = fine_advected[: len(self.mesh.vertices)]
         residual = problem.residual(fine_advected.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)

@@ -177,7 +177,7 @@ def finish(descent: Descent, reason: StopReason) -> Progress:
 def _first(
     search: Any, stage: Stage, point: Evaluation, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Return the first iterate of a search; it reuses the curvature of the last stage if valid."""
+    """Return the first iterate of a search, with the curvature of the last stage if valid."""
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
     return search.init(point.x, point, last_iterate, stage.curvature_ratio(before))

@@ -64,9 +64,9 @@ def advect_along_flow_lines(
 def flow_line_residual(
     functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray
 ) -> tuple[float, FloatArray]:
-    """Return the residual along flow lines at the vertices of some faces (S,), given by index.
+    """Return the residual along flow lines at the vertices of faces (S,), given by index.
 
-    Also return the origins of the values at the corners of these faces, (S, 3, 3).
+    The second value (S, 3, 3) has the points from which the flow takes values to these corners.
     """
     mesh, source, mask = functions.mesh, functions.source, functions.mask
     requested, corners = np.unique(mesh.faces[faces], return_inverse=True)
