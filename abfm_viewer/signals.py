@@ -20,9 +20,11 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 NUMBERS = [
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+    if hasattr(signal, name)
 ]
-"""Signals of this system that end programs."""
+"""Signals of this system that end programs; SIGBREAK is that of a closed window on Windows."""
 _SECOND_SIGNAL_SECONDS = 1.0  # a later second signal ends the process without cleanup
 _cleanups: list[Callable[[], object]] = []
 

@@ -129,7 +129,8 @@ def fsaverage5() -> Path:
 
 def machine() -> dict[str, str | int]:
     """Return the processor, logical cores, system, and versions of the numerical packages."""
-    model = re.search(r"model name\s*: (.*)", _CPU_INFO.read_text()) if _CPU_INFO.exists() else None
+    text = _CPU_INFO.read_text(encoding="utf-8") if _CPU_INFO.exists() else ""
+    model = re.search(r"model name\s*: (.*)", text)
     return {
         "processor": model[1] if model else platform.processor() or platform.machine(),
         "cores": os.cpu_count() or 1,

@@ -148,7 +148,7 @@ def _launch(backend: Backend, repeats: int) -> Report:
 def _until_drawn(command: list[str]) -> float:
     start = time.perf_counter()
     with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+        subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process,
         signals.cleanup_on_signal(process.kill),
     ):
         assert process.stdout is not None

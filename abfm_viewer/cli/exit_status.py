@@ -1,6 +1,7 @@
 """Exit statuses of a program, its messages on stderr, and cancellation by signals."""
 
 import atexit
+import errno
 import io
 import os
 import signal
@@ -86,11 +87,17 @@ def program_status(program: str, run: Callable[[], int]) -> int:
         except SystemExit as error:  # argparse has printed its help
             status = error.code if isinstance(error.code, int) else 0
         out.flush()
-        if out.problem and not isinstance(out.problem, BrokenPipeError):
+        if out.problem and not _is_reader_gone(out.problem):
             print(f"{program}: cannot write the output: {out.problem.strerror}", file=sys.stderr)
             status = status or BAD_INPUT_STATUS
     statuses.append(status)
     return status
+
+
+def _is_reader_gone(error: OSError) -> bool:
+    """Return whether the reader of the output has ended; Windows reports an invalid argument."""
+    is_invalid = sys.platform == "win32" and error.errno == errno.EINVAL
+    return is_invalid or isinstance(error, BrokenPipeError)
 
 
 def _end_process(statuses: list[int]) -> None:
@@ -158,7 +165,7 @@ def cancelled_by_signals(
                 os.write(2, f"stopping {what}; press Ctrl-C again to exit immediately\n".encode())
         elif time.monotonic() - signal_time > _DOUBLE_SIGNAL_SECONDS:
             handled.close()
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)  # os.kill would skip the handler on Windows
 
     with ExitStack() as handled:
         handled.enter_context(signals.signal_handler(stop))

@@ -8,7 +8,7 @@ from typing import Any
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, shown
+from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, shown, valid_name
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -102,7 +102,7 @@ class Dialogs:
         self, title: str, suffixes: tuple[str, ...], name: str, on_path: Callable[[Path], None]
     ) -> None:
         """Let the user choose a file to write; replace an existing file only after a question."""
-        choice = FileChoice(self._start_folder(), suffixes, saving=True, name=name)
+        choice = FileChoice(self._start_folder(), suffixes, saving=True, name=valid_name(name))
         self._choose(title, choice, on_path)
 
     def question(

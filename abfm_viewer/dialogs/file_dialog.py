@@ -13,6 +13,7 @@ from abfm_viewer.widgets.toolkit import Ui
 
 ENTRIES_MAX = 10_000  # largest number of entries that are listed
 _ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # ending of any file name
+_NOT_IN_NAMES = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # characters that Windows refuses
 _WIDTH = 640
 _HEIGHT = 480
 _MARGIN_ROWS = 200  # drawn above and below the visible rows
@@ -57,6 +58,11 @@ def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
     found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
     note = f"the first {ENTRIES_MAX:,} of {len(found):,}; type the name of any other file"
     return Listing(tuple(found[:ENTRIES_MAX]), note if len(found) > ENTRIES_MAX else "")
+
+
+def valid_name(text: str) -> str:
+    """Return a file name that Linux, macOS and Windows accept, with underscores in other places."""
+    return _NOT_IN_NAMES.sub("_", text)
 
 
 def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:

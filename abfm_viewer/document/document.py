@@ -17,6 +17,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.pages.front import Front, Triple, best_front
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.document.comparison import Comparison
+from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.document.label_map import LabelMap
 
 if TYPE_CHECKING:  # a document without a result does not load its type
@@ -332,7 +333,7 @@ class Document:
     match_label: ClassVar[str] = "Match"
     """Label of the button that starts a run."""
     match_tip: ClassVar[str] = (
-        "Find the field whose flow advects the source to the target (Ctrl+Enter)."
+        f"Find the field whose flow advects the source to the target ({COMMAND}+Enter)."
     )
     """Tooltip of that button."""
     cancel_tip: ClassVar[str] = (

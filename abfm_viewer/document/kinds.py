@@ -40,6 +40,7 @@ from abfm_viewer.document.frame_sequence import (
     SequenceSettings,
     settings_of,
 )
+from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.document.surface_points import landmarks_of_match
 
 if TYPE_CHECKING:  # a document without a result does not load its type
@@ -306,7 +307,7 @@ class SequenceDocument(Document):
 
     match_label: ClassVar[str] = "Match all frames"
     match_tip: ClassVar[str] = (
-        "Find the fields that advect each frame to the next, all in one run (Ctrl+Enter)."
+        f"Find the fields that advect each frame to the next, all in one run ({COMMAND}+Enter)."
     )
     cancel_tip: ClassVar[str] = (
         "End the run and keep the fields found so far (Esc). The next run resumes from them."

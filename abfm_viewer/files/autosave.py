@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -175,7 +176,7 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
 
 def _is_alive(process: int) -> bool:
     """Return whether a process is running; always True on Windows, which relies on heartbeats."""
-    if os.name == "posix":
+    if sys.platform != "win32":
         try:
             os.kill(process, 0)
         except ProcessLookupError:

@@ -164,7 +164,7 @@ def _save_elsewhere(found: results.Saved) -> str:
 def write_text(path: Path, text: str) -> None:
     """Write a text atomically; characters that UTF-8 cannot encode become question marks."""
     with write_atomically(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="replace")
+        temporary.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:

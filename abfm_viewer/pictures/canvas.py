@@ -53,7 +53,17 @@ def canvas(width: int, height: int) -> Iterator[None]:
 
 
 def rendered(transparent: bool) -> Pixels:
-    """Return the picture of polyscope, (H, W, 3), or (H, W, 4) with a transparent background."""
+    """Return the picture of polyscope, (H, W, 3), or (H, W, 4) with a transparent background.
+
+    A screen of a Mac has several pixels for each pixel of a window; they are averaged.
+    """
+    pixels, size = _rendered(transparent), tuple(ps.get_window_size())
+    if pixels.shape[1::-1] == size:
+        return pixels
+    return np.array(Image.fromarray(pixels).resize(size, Image.Resampling.BOX))
+
+
+def _rendered(transparent: bool) -> Pixels:
     if not transparent:
         return np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3])
     ps.set_background_color((0.0, 0.0, 0.0, 0.0))

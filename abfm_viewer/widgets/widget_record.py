@@ -138,5 +138,6 @@ def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
     name = os.environ.get("ABFM_WIDGETS")
     if name and frame % 3 == 0:
         temporary = Path(f"{name}.part")
-        temporary.write_text(json.dumps([asdict(widget) for widget in widgets]))
+        text = json.dumps([asdict(widget) for widget in widgets])
+        temporary.write_text(text, encoding="utf-8")
         temporary.replace(name)

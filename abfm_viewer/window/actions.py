@@ -12,13 +12,13 @@ import polyscope.imgui as imgui
 
 from abfm.pages.front import Front, triple
 from abfm_viewer.document.document import Document, Viewpoint
+from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.files.contents import PROJECT, RESULT
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME
 
-COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
 AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "Shift+X", "-y": "Shift+Y", "-z": "Shift+Z"}
 """Axes to look from, and their keys."""
 _ESCAPE = (

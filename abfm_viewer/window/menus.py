@@ -10,6 +10,7 @@ from abfm import Parameters
 from abfm.pages import colormaps
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.panels import landmarks
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
@@ -47,7 +48,7 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
         imgui.SetCursorPosX(imgui.GetCursorPosX() + max(available - ui.text_width(title), 0.0))
         ui.note(title, "ink" if saves.unsaved else "muted")
         if saves.unsaved:
-            ui.tip("Not saved since the last change (Ctrl+S).")
+            ui.tip(f"Not saved since the last change ({COMMAND}+S).")
     finally:
         imgui.EndMainMenuBar()
 
@@ -104,9 +105,8 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
 
 def _short(path: Path) -> str:
     """Return a path that is short enough for a menu, with ~ for the user's directory."""
-    text, home = str(path), str(Path.home())
-    if text.startswith(f"{home}/"):
-        text = f"~{text[len(home) :]}"
+    home = Path.home()
+    text = str(Path("~", path.relative_to(home)) if path.is_relative_to(home) else path)
     if len(text) <= _PATH_LENGTH_MAX:
         return text
     return f"{text[:15]}...{text[-_PATH_LENGTH_MAX + 18 :]}"

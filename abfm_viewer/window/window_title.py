@@ -50,4 +50,5 @@ def _by_windows(text: str) -> None:
             user.SetWindowTextW(window, ctypes.c_wchar_p(text))
         return True
 
-    user.EnumWindows(ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(visit), None)
+    visitor = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(visit)
+    user.EnumWindows(visitor, None)

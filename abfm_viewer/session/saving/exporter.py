@@ -27,6 +27,7 @@ from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.reading import NO_LABEL
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
+from abfm.workers.process import separate_group
 from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
@@ -217,15 +218,15 @@ class Exporter:
             save_project(project, replace(document, view=view), known())
             render = ["-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn)]
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
-            with errors.open("w") as file:
+            environment["PYTHONIOENCODING"] = "utf-8"
+            with errors.open("wb") as file:
                 self._process = subprocess.Popen(
                     [sys.executable, *render, *options, "--progress"],
                     stdout=subprocess.PIPE,
                     stderr=file,
-                    text=True,
+                    encoding="utf-8",
                     env=environment,
-                    # Ctrl-C on a terminal must not end the subprocess
-                    process_group=0 if os.name == "posix" else None,
+                    **separate_group(),
                 )
             with self._process as process:
                 if self._cancelled:
@@ -237,7 +238,8 @@ class Exporter:
             self._process = None
             if process.returncode != 0 or self._cancelled:
                 status = f"the drawing subprocess ended with status {process.returncode}"
-                lines = errors.read_text().strip().splitlines() or [status]
+                text = errors.read_text(encoding="utf-8", errors="replace").strip()
+                lines = text.splitlines() or [status]
                 raise AbfmError(lines[-1].removeprefix("abfm: "))
             with write_atomically(path) as temporary:
                 shutil.copyfile(drawn, temporary)

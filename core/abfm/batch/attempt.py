@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import time
 import warnings
 from collections.abc import Callable, Mapping
@@ -201,7 +202,9 @@ def _with_contents(
     """Write files to a folder, preserving their relative paths, and return a row that uses them."""
     places = dict[str, str]()
     for path, content in contents.items():
-        place = folder / Path(os.path.normpath(path)).relative_to(Path(path).anchor)
+        drive, relative = os.path.splitdrive(os.path.normpath(path))
+        # files of several drives or shares of Windows must not replace each other
+        place = Path(folder, re.sub(r"\W", "_", drive), relative.lstrip(os.sep))
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_bytes(content)
         places[path] = os.fspath(place)

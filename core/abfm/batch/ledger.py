@@ -124,12 +124,13 @@ class Ledger:
             self.records_folder.mkdir(parents=True, exist_ok=True)
             if not path.exists():
                 write_file(path, secrets.token_hex(16))
-            return path.read_text()
+            return path.read_text(encoding="ascii")
 
     def is_accessible(self, identity: str) -> bool:
         """Return whether this path is the folder with that identity, and is writable."""
         try:
-            is_same = (self.records_folder / "identity").read_text() == identity
+            path = self.records_folder / "identity"
+            is_same = path.read_text(encoding="ascii", errors="replace") == identity
         except OSError:
             return False
         return is_same and all(

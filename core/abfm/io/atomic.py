@@ -2,8 +2,10 @@
 
 Temporary files are removed after errors and signals. Files of a killed process are removed by the
 next process that writes in the same folder. Each file is locked while it is in use, and the system
-releases the lock when the process ends. Files of other computers are not touched, as their locks
-may not be visible. Python's `tempfile` and other libraries never remove files of killed processes.
+releases the lock when the process ends. On Windows and on SMB shares a lock would also refuse the
+writer of the file; there, files are removed a week after their last change. Files of other
+computers are not touched, as their locks may not be visible. Python's `tempfile` and other
+libraries never remove files of killed processes.
 """
 
 import os
@@ -26,7 +28,9 @@ if sys.platform != "win32":
 
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
 _SUFFIX_LENGTH_MAX = 20  # no format has a longer suffix, and systems limit the length of names
-_ABANDONED_AGE = 86400.0  # seconds; used on Windows, which cannot lock files to be renamed
+_ABANDONED_AGE = 7 * 86400.0  # seconds; used where files cannot be locked while they are written
+# waits on Windows between attempts to replace a file that another process has open
+_RETRY_SECONDS = (0.01, 0.03, 0.1, 0.3, 1.0)
 _in_use: set[Path] = set()
 
 
@@ -50,15 +54,34 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             yield temporary
             with temporary.open("rb+") as written:
                 os.fsync(written.fileno())
-            if target.exists():
+            # Windows has only a read-only flag, and refuses to replace a file that has it
+            if sys.platform != "win32" and target.exists():
                 shutil.copymode(target, temporary)
+            _replace(temporary, target)
+            if sys.platform != "win32":
+                with suppress(OSError):  # some shares cannot flush a folder
+                    _flush_folder(target.parent)
+
+
+def _replace(temporary: Path, target: Path) -> None:
+    """Rename a file to replace another one; wait on Windows while a process has that one open."""
+    waits: tuple[float, ...] = _RETRY_SECONDS if sys.platform == "win32" else ()
+    for seconds in waits:
+        try:
             temporary.replace(target)
-            if os.name == "posix":  # makes the rename survive a power cut; Windows cannot do this
-                descriptor = os.open(target.parent, os.O_RDONLY)
-                try:
-                    os.fsync(descriptor)
-                finally:
-                    os.close(descriptor)
+            return
+        except PermissionError:
+            time.sleep(seconds)
+    temporary.replace(target)
+
+
+def _flush_folder(folder: Path) -> None:
+    """Write a folder to the disk, so that a rename survives a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_file(path: str | os.PathLike[str], content: bytes | str) -> None:
@@ -172,9 +195,14 @@ def _created(path: Path, is_folder: bool) -> int | None:
             continue
         except OSError:  # a file system without locks, or Windows
             return None
-        if os.fstat(descriptor).st_nlink:
+        is_removed = not os.fstat(
+            descriptor
+        ).st_nlink  # after it was opened, but before it was locked
+        if not is_removed and _is_readable(path):
             return descriptor
-        os.close(descriptor)  # the file was removed after it was opened, but before it was locked
+        os.close(descriptor)
+        if not is_removed:
+            return None
 
 
 def _locked(path: Path, flags: int = 0) -> int:
@@ -192,6 +220,24 @@ def _locked(path: Path, flags: int = 0) -> int:
         os.close(descriptor)
         raise
     return descriptor
+
+
+def _is_readable(path: Path) -> bool:
+    """Return whether a locked file can be read; a lock on an SMB share refuses other descriptors.
+
+    See "CIFS details" in the Linux manual of flock(2).
+    """
+    try:
+        if not path.is_dir():
+            with path.open("rb") as file:
+                file.read(1)
+    except OSError:
+        return False
+    return True
+
+
+def _is_old(path: Path) -> bool:
+    return time.time() - path.stat().st_mtime > _ABANDONED_AGE
 
 
 def _remove(path: Path) -> None:
@@ -212,8 +258,9 @@ def remove_abandoned(folder: Path) -> None:
                     # The file is removed while it is locked: a process that waits for the lock
                     # creates it again. A file without links was removed before, so its name may
                     # belong to a new file.
-                    if os.fstat(descriptor).st_nlink:
+                    is_there = os.fstat(descriptor).st_nlink > 0
+                    if is_there and (_is_readable(path) or _is_old(path)):
                         _remove(path)
                     os.close(descriptor)
-                elif time.time() - path.stat().st_mtime > _ABANDONED_AGE:
+                elif _is_old(path):
                     _remove(path)

@@ -100,9 +100,8 @@ def write_textured(
         write_atomically(image) as image_file,
     ):
         image_file.write_bytes(png)
-        mtl_file.write_text(
-            f"newmtl texture\nKd 1 1 1\nd 1\nillum 1\nmap_Kd {image.name}\n", encoding="utf-8"
-        )
+        material = f"newmtl texture\nKd 1 1 1\nd 1\nillum 1\nmap_Kd {image.name}\n"
+        mtl_file.write_bytes(material.encode())
         _write_obj(obj_file, mesh, places, mtl.name)
 
 

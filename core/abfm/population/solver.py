@@ -103,7 +103,10 @@ class PopulationSolver:
         side = side_of(mesh.structure)
         name = f"template-{mesh.digest[:16]}{f'_hemi-{side}' if side else ''}.off"
         path = self._targets_folder() / name
-        with write_atomically(path) as temporary, temporary.open("w", encoding="ascii") as file:
+        with (
+            write_atomically(path) as temporary,
+            temporary.open("w", encoding="ascii", newline="\n") as file,
+        ):
             file.write(f"OFF\n{len(vertices)} {len(faces)} 0\n")
             np.savetxt(file, vertices, "%.17g")
             np.savetxt(file, faces, "3 %d %d %d")

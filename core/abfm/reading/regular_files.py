@@ -226,7 +226,7 @@ class Archive(Mapping[str, NDArray[Any]]):
         """
         self._check_name(name)
         member = self._zip.getinfo(f"{name}.npy")
-        if os.name == "nt" or member.compress_type != zipfile.ZIP_STORED:
+        if sys.platform == "win32" or member.compress_type != zipfile.ZIP_STORED:
             return self[name]
         with self._zip.open(member) as content:
             begin = content.read(_BLOCK_BYTES)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shlex
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
@@ -228,7 +229,7 @@ def renamed_function(text: str, rename: Rename) -> str:
 def channel_words(text: str, metavar: str) -> list[str]:
     """Return the words of a channel, one for each word of ``metavar``, or raise ParameterError."""
     try:
-        words = shlex.split(text)
+        words = _split(text)
     except ValueError:
         words = []
     if len(words) != len(metavar.split()):
@@ -236,6 +237,15 @@ def channel_words(text: str, metavar: str) -> list[str]:
             f"{brief(text)} is not a channel; expected {metavar}, separated by spaces"
         )
     return words
+
+
+def _split(text: str) -> list[str]:
+    """Split a text as a shell does; on Windows a backslash separates folders."""
+    words = shlex.shlex(text, posix=True, punctuation_chars=False)
+    words.whitespace_split, words.commenters = True, ""
+    if sys.platform == "win32":
+        words.escape = ""
+    return list(words)
 
 
 def _channel(text: str) -> tuple[str, str, float]:

@@ -35,13 +35,10 @@ class ChildProcess:
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
         command, variables = [sys.executable, "-m", module], os.environ | (environment or {})
-        # A separate process group: a terminal sends Ctrl-C to a complete group, and only this
-        # process handles it.
-        pipe = subprocess.PIPE
+        pipe, group = subprocess.PIPE, separate_group()
         if sys.platform == "win32":  # a process cannot have a socket for its output there
-            group = subprocess.CREATE_NEW_PROCESS_GROUP
             self._process = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, creationflags=group, env=variables
+                command, stdin=pipe, stdout=pipe, env=variables, **group
             )
             assert self._process.stdout is not None
             received: IO[bytes] | socket.socket = self._process.stdout
@@ -50,7 +47,7 @@ class ChildProcess:
             answers, theirs = socket.socketpair()
             with theirs:
                 self._process = subprocess.Popen(
-                    command, stdin=pipe, stdout=theirs.fileno(), process_group=0, env=variables
+                    command, stdin=pipe, stdout=theirs.fileno(), env=variables, **group
                 )
             received = answers
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
@@ -84,6 +81,16 @@ class ChildProcess:
             raise ProcessEndedError from error
 
 
+def separate_group() -> dict[str, Any]:
+    """Return options of `subprocess.Popen` for a process that Ctrl-C does not reach.
+
+    A terminal sends Ctrl-C to a complete group of processes, and only the main process handles it.
+    """
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"process_group": 0}
+
+
 def kill_all() -> None:
     """Kill all child processes at once, for a process that ends without cleaning up."""
     for process in list(_running):
@@ -105,7 +112,10 @@ class Requests:
 
     def answer(self, message: object) -> None:
         """Send one message; BrokenPipeError if the parent has ended."""
-        _send(self._answers, message)
+        try:
+            _send(self._answers, message)
+        except OSError as error:  # Windows reports an invalid argument
+            raise BrokenPipeError from error
 
 
 def _send(pipe: IO[bytes], message: object) -> None:
