@@ -3,9 +3,9 @@
 Temporary files are removed after errors and signals. Files of a killed process are removed by the
 next process that writes in the same folder. Each file is locked while it is in use, and the system
 releases the lock when the process ends. On Windows and on SMB shares a lock would also refuse the
-writer of the file; there, files are removed a week after their last change. Files of other
-computers are not touched, as their locks may not be visible. Python's `tempfile` and other
-libraries never remove files of killed processes.
+writer of the file. Files are not locked there, and are removed a week after their last change.
+Files of other computers are not touched, as their locks may not be visible. Python's `tempfile` and
+other libraries never remove files of killed processes.
 """
 
 import os
@@ -195,9 +195,8 @@ def _created(path: Path, is_folder: bool) -> int | None:
             continue
         except OSError:  # a file system without locks, or Windows
             return None
-        is_removed = not os.fstat(
-            descriptor
-        ).st_nlink  # after it was opened, but before it was locked
+        # the file may be removed after it was opened, but before it was locked
+        is_removed = os.fstat(descriptor).st_nlink == 0
         if not is_removed and _is_readable(path):
             return descriptor
         os.close(descriptor)
