@@ -160,7 +160,8 @@ energy and the continuation of the paper (`abfm.parameters.PAPER`) are
 
 ## Table 1 of the paper
 
-A star marks a $\sigma$ that is the first of three cooling stages.
+N is the number of linearised steps, and n the number of sub-steps of the exponential. A star marks
+a $\sigma$ that is the first of three cooling stages.
 
 | figure | $\tau$ | $\alpha$ | $\beta$ | $\sigma$ | N | n |
 |---|---|---|---|---|---|---|
