@@ -22,11 +22,11 @@ from abfm_viewer.scene.surfaces import Camera
 from abfm_viewer.widgets.widget_record import Rect
 
 # of sheets without a given size, in pixels
-WIDTH_MAX = 2000
-PANEL_HEIGHT_MAX = 640
+WIDTH_MAX = 1400
+PANEL_HEIGHT_MAX = 450
 # of sheets of matches
-DEFAULT_WIDTH = 1800
-_DEFAULT_HEIGHT = 700
+DEFAULT_WIDTH = 1400
+_DEFAULT_HEIGHT = 545
 _SCALE_MIN = 0.6
 _SHEET_ASPECT = 2.4
 _SEQUENCE_TIMES = 6  # on a sheet of a sequence
