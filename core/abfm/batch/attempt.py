@@ -34,7 +34,7 @@ class Computation(Protocol):
     """A computation from files whose result is returned as a value instead of a file."""
 
     def files(self) -> list[str]:
-        """Return the absolute names of the files that it reads, whether they exist or not."""
+        """Return the absolute names of all files to be read, whether they exist or not."""
 
     def relocated(self, places: Mapping[str, str]) -> Self: ...
 

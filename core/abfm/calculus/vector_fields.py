@@ -57,10 +57,7 @@ def to_ambient(mesh: TriangleMesh, coefficients: FloatArray) -> FloatArray:
 
 
 def to_frame(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Convert vectors in space (..., F, 3) into coefficients (..., F, 2).
-
-    A normal part is dropped.
-    """
+    """Convert the tangent parts of vectors in space (..., F, 3) into coefficients (..., F, 2)."""
     return np.asarray(np.einsum("...fx,fkx->...fk", field, face_frames(mesh)))
 
 

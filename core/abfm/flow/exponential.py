@@ -399,10 +399,7 @@ def _backward_rows(
     duals: tuple[FloatArray, FloatArray],
     entries: FloatArray,
 ) -> None:
-    """Compute the derivative by term k on a block of rows.
-
-    Add that by the matrix to ``entries``.
-    """
+    """Compute the derivative by term k on a block; add the one by the matrix to ``entries``."""
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (
         series.indptr,

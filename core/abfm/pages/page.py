@@ -176,10 +176,7 @@ class Page:
     topics: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
-        """Return the HTML of the page.
-
-        Embedded, it has neither a title nor text below the panels.
-        """
+        """Return the HTML of the page; if embedded, without a title and text below the panels."""
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")

@@ -133,10 +133,7 @@ def checkpoints_of(result: Path) -> list[Path]:
 
 
 def remove_checkpoints(result: Path) -> None:
-    """Remove the checkpoints next to a saved result.
-
-    A run that was killed may have left a checkpoint.
-    """
+    """Remove the checkpoints next to a saved result, which a killed run may have left."""
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.unlink()
