@@ -120,7 +120,7 @@ class ContinuousFlow:
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
-        """Return a field made continuous, at corners (F, 3) and for flow lines; cache the latest."""
+        """Return a field made continuous, at corners (F, 3) and for flow lines (cached)."""
         cached = self._cache
         if cached is None or cached[0] != j:
             unit = refined(self.mesh, self._refined).normalized()

@@ -309,10 +309,7 @@ class Problem:
         )
 
     def restricted(self, restriction: Restriction) -> Problem | None:
-        """Return the problem on a coarser mesh, without a start.
-
-        None if a data term is not defined there.
-        """
+        """Return the problem on a coarser mesh, without a start; None if a term is not defined."""
         terms = tuple(term.restricted(restriction) for term in self.terms)
         if None in terms:
             return None
