@@ -194,7 +194,7 @@ class _HeldOut:
             self._improve(at, -1)
 
     def _improve(self, at: int, direction: int) -> bool:
-        """Try smaller (1) or larger (-1) sigmas until the residual rises; return whether it fell."""
+        """Try lower (1) or higher (-1) sigmas while the residual falls; return whether it fell."""
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):
             at += direction
