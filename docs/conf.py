@@ -72,6 +72,7 @@ sphinx_gallery_conf = {
         "examples/paper",
     ],
     "within_subsection_order": FileNameSortKey,
+    "thumbnail_size": (480, 240),
     "download_all_examples": False,
     "remove_config_comments": True,
     "abort_on_example_error": True,
