@@ -10,8 +10,33 @@ from hypothesis import strategies as st
 
 from abfm import ParameterError, Parameters
 from abfm.matching import Remedy
-from abfm.parameters import FIELDS, FIRST_SIGMA_MAX, LAST_SIGMA, TABLE_1, SolverSettings, row_of
+from abfm.parameters import (
+    FIELDS,
+    FIRST_SIGMA_MAX,
+    LAST_SIGMA,
+    TABLE_1,
+    SolverSettings,
+    in_options,
+    row_of,
+)
 from tests.messages import raises
+
+
+@pytest.mark.parametrize(
+    ("advice", "expected"),
+    [
+        (
+            "limit it, for example with max_distortion 1",
+            "limit it, for example with --max-distortion 1",
+        ),
+        (
+            "smooth the functions, or use a larger sigma",
+            "smooth the functions, or use a larger --sigma",
+        ),
+    ],
+)
+def test_advice_names_options(advice, expected):
+    assert in_options(advice) == expected
 
 
 def test_segments_depend_on_method():

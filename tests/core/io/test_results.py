@@ -273,6 +273,7 @@ def parameters(more):
         ("remedies", np.array("3"), (3, "remedies")),
         ("remedies", np.array(UNKNOWN), ("sigmma",)),
         ("verdict", np.array(["pink", "", "", ""]), ("pink",)),
+        ("verdict", np.array(["nearly", "pink", "", ""]), ("cause", "pink")),
         ("verdict", np.full((4,), "\ud800").astype("<U1"), ()),
         ("verdict", npy_of("(4,)", "<U1", b"\xff" * 16), ("verdict",)),
         ("channels_given", npy_of("()", "|b1", b"\x02"), (0, 1)),

@@ -91,6 +91,8 @@ class Verdict:
         if kind not in VERDICTS:
             expected = ", ".join(VERDICTS)
             raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {expected}")
+        if cause not in tuple(Cause):
+            raise ValueError(f"the cause of the verdict, {cause[:40]!r}, is unknown")
         return cls(Outcome(kind), reason, advice, remedies, Cause(cause))
 
     def with_cause(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
