@@ -10,7 +10,7 @@ from abfm.errors import ParameterError, brief, did_you_mean
 
 _FILE = "troubleshooting.md"
 _HEADINGS = re.compile(r"^(##|###) (.*)\n", re.MULTILINE)
-_MARKUP = re.compile(r"`|\*\*|(?<!\w)\*(?=\w)|(?<=\w)\*(?!\w)")
+_MARKUP = re.compile(r"`|\*\*|(?<!\w)\*(?=\w)|(?<=[\w.])\*(?!\w)")
 _LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
 
 
