@@ -10,7 +10,8 @@ from abfm.errors import ParameterError, brief, did_you_mean
 
 _FILE = "troubleshooting.md"
 _HEADINGS = re.compile(r"^(##|###) (.*)\n", re.MULTILINE)
-_MARKUP = re.compile(r"`|\*\*|(?<!\w)\*(?=\w)|(?<=[\w.])\*(?!\w)")
+_LABEL = re.compile(r"\*\*([^*]+)\*\*")
+_MARKUP = re.compile(r"`|(?<!\w)\*(?=\w)|(?<=[\w.])\*(?!\w)")
 _LINK = re.compile(r"\[([^]]*)\]\([^)]*\)")
 
 
@@ -53,8 +54,11 @@ def slug(name: str) -> str:
 
 
 def paragraphs(name: str) -> list[str]:
-    """Return the paragraphs and list items of a section as plain text, one line each."""
-    blocks = re.split(r"\n\n+|\n(?=- )", section(name))
+    """Return the paragraphs and list items of a section as plain text, one line each.
+
+    Labels of the window are in quotes.
+    """
+    blocks = re.split(r"\n\n+|\n(?=- )", _LABEL.sub(r'"\1"', section(name)))
     return [" ".join(_MARKUP.sub("", block).split()) for block in blocks]
 
 
