@@ -164,6 +164,6 @@ def test_labels_in_troubleshooting_exist():
     """Names in bold are labels of the window."""
     code = "".join(path.read_text("utf-8") for path in (ROOT / "abfm_viewer").rglob("*.py"))
     code += (ROOT / "core/abfm/matching/judging/remedies.py").read_text("utf-8")
-    labels = set(re.findall(r"\*\*([^*]+)\*\*", TROUBLESHOOTING))
+    labels = set(re.findall(r"\*\*([^*]+)\*\*", " ".join(TROUBLESHOOTING.split())))
     assert len(labels) > 10
     assert {label for label in labels if f'"{label}' not in code} == set()

@@ -5,7 +5,7 @@ import shutil
 import textwrap
 
 from abfm import troubleshooting
-from abfm.outcome import Facts
+from abfm.outcome import Facts, Outcome
 from abfm.wording import capital
 from abfm_viewer.cli import options
 
@@ -34,7 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def help_lines(facts: Facts) -> list[str]:
     """Return the line that names the sections about a result; none if it needs no explanation."""
-    names = " ".join(map(troubleshooting.slug, facts.topics))
+    is_plain = facts.outcome in (Outcome.MATCHED, Outcome.REGISTERED)
+    topics = (facts.topics[1:] if is_plain else ()) or facts.topics  # only the warnings
+    names = " ".join(map(troubleshooting.slug, topics))
     return [f"help: abfm explain {names}"] if facts.needs_help else []
 
 

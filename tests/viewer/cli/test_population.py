@@ -196,7 +196,8 @@ def test_info_of_a_population(abfm, folder, facts, found):
     assert {**again, **own} == facts
     lines = abfm("info {p}", p=path).out.splitlines()
     check_message(lines[0], path, int(found.fits.sum()), 6)
-    check_message(lines[-1], NAME)
+    check_message(lines[-2], NAME)
+    assert lines[-1] == "help: abfm explain outlier"
     assert abfm("info {f}/out", f=folder).out.splitlines()[1:] == lines[1:]
     check_message(abfm("render {p} --out {t}/p.png", p=path, status=2).err)
 
