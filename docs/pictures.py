@@ -89,7 +89,7 @@ def match(folder: Path) -> None:
     result = folder / "match.npz"
     _run("match", _HUMAN, "--source", _SOURCE, "--target", _TARGET, "--out", result)
     _render(result, "match.png")
-    _run("render", result, "--out", IMAGES / "flow.gif", "--size", "720x400", "--fps", 15)
+    _run("render", result, "--out", IMAGES / "flow.gif", "--size", "960x500", "--fps", 15)
 
 
 def cortex(folder: Path) -> None:

@@ -159,12 +159,12 @@ def correspondence_headline(found: Correspondence) -> str:
 
 
 def population_page(found: Population, title: str, up: str | None = None) -> Page:
-    """Return the page of a population: initial mean, registered mean, and deviation.
+    """Return the page of a population: initial mean, registered mean, standard deviation.
 
     ``up`` is the axis of the template that points upwards.
     """
     front = best_front(found.template, up=up)
-    titles = "mean by the initial maps", "mean", "deviation"
+    titles = "initial mean", "registered mean", "standard deviation"
     layers = list(
         zip(
             *(_layers(found, c) for c in range(min(len(found.channels), CHANNELS_MAX))),
