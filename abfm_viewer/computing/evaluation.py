@@ -113,7 +113,7 @@ class Functions:
             if largest > _SIZE_MAX or 0 < largest < _SIZE_MIN:
                 raise FunctionError(
                     f"{brief(spec)} has values up to {largest:.3g}, but the window can show only "
-                    f"{_SIZE_MIN:g} to {_SIZE_MAX:g}. Scale the function."
+                    f"{_SIZE_MIN:g} to {_SIZE_MAX:g}. Scale the function"
                 )
             values.flags.writeable = False
             self._cache[spec] = values

@@ -56,7 +56,10 @@ def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
     except OSError as error:
         return Listing(error=f"{folder} cannot be read: {error.strerror or error}")
     found.sort(key=lambda entry: (not entry.is_folder, entry.name.casefold(), entry.name))
-    note = f"the first {ENTRIES_MAX:,} of {len(found):,}; type the name of any other file"
+    note = (
+        f"the list has the first {ENTRIES_MAX:,} of {len(found):,} names; type the name of any "
+        "other file"
+    )
     return Listing(tuple(found[:ENTRIES_MAX]), note if len(found) > ENTRIES_MAX else "")
 
 

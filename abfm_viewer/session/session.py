@@ -119,7 +119,7 @@ class Session(Parts):
         before = self.document
         if steps and steps[-1].document.identity is not before.identity:
             if self.solver.running:
-                text = f"this step would close {before.name}, which is being matched"
+                text = f"Undo and Redo would close {before.name}, which is being matched"
                 self.notices.show(f"{text}; cancel the run first", True, RUN)
                 return
             self.saves.leave(before)

@@ -133,7 +133,7 @@ def optimal_transport(
     if min(heat(density).min() for density in densities) < _HEAT_MIN:
         raise ParameterError(
             f"blur is {blur:g} in {steps} steps, with which the heat kernel underflows between "
-            "distant parts of this mesh. Use a larger blur or fewer steps."
+            "distant parts of this mesh. Use a larger blur or fewer steps"
         )
     bound = max(_entropy(heat.areas, density) for density in densities) if sharpen else np.inf
     means = [(1 - t) * masses[0] + t * masses[1] for t in moments]

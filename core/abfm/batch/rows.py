@@ -76,7 +76,7 @@ class Row:
         for column, text in given:
             if column not in known:
                 hint = did_you_mean(column, known)
-                raise ColumnError(column, f" is not an option of a {kind}{hint}")
+                raise ColumnError(column, f" is not an option of the task '{kind}'{hint}")
             if column in seen and not known[column].repeats:
                 raise ColumnError(column, " is given twice")
             seen.add(column)
@@ -86,7 +86,7 @@ class Row:
                 raise ColumnError(column, f": {error}") from None
         missing = [column for column in task.needs if column not in seen]
         if missing:
-            raise ColumnError(missing[0], f" is empty, but a {kind} requires it")
+            raise ColumnError(missing[0], f" is empty, but the task '{kind}' requires it")
         folder = os.path.abspath(os.path.expanduser(folder)) if folder else ""
         self.__dict__.update(
             name=printable(" ".join(str(name).split())),

@@ -85,6 +85,6 @@ def lanczos(
         values, vectors = eigsh(operator, k=count, v0=start, rng=0, **options)
     except ArpackError as problem:
         raise error(
-            f"{what}: no convergence on this mesh ({problem}). Remesh its thin faces."
+            f"{what}: no convergence on this mesh ({problem}). Remesh its thin faces"
         ) from problem
     return np.asarray(values), np.asarray(vectors)

@@ -53,7 +53,7 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
         ]
     except RuntimeError as error:
         raise FunctionError(
-            f"no geodesic distance on this mesh: {error}. For a gaussian, try metric=euclidean."
+            f"no geodesic distance on this mesh: {error}. For a gaussian, try metric=euclidean"
         ) from error
     nearest = np.min(
         [np.maximum(distance - distance[source], 0) for source, distance in distances], axis=0
@@ -78,7 +78,7 @@ def path_length(mesh: TriangleMesh, first: int, last: int) -> float:
     try:
         path: FloatArray = _path_solver(mesh).find_geodesic_path(first, last)
     except RuntimeError as error:
-        raise FunctionError(f"no geodesic on this mesh: {error}. Remesh it.") from error
+        raise FunctionError(f"no geodesic on this mesh: {error}. Remesh it") from error
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 

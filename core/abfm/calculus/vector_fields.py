@@ -126,8 +126,8 @@ def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
     bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
     if not bound <= _NORM_LIMIT:
         raise AdvectionError(
-            f"time times the norm of the matrix is {bound:.0e}; expected at most "
-            f"{_NORM_LIMIT:.0e}. Shorten the time or slow the field."
+            f"the product of the time and the norm of the matrix is {bound:.0e}; expected at most "
+            f"{_NORM_LIMIT:.0e}. Shorten the time or scale the field down"
         )
     steps = max(1, int(np.ceil(bound / _STEP_NORM)))
     for _ in range(steps):
@@ -147,12 +147,12 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     ``-t``. The sign matters: rotating a sphere, for example, must rotate a field with it.
     """
     if not is_finite_number(t):
-        raise AdvectionError(f"t is {brief(t)}; expected a finite time. Shorten the time.")
+        raise AdvectionError(f"t is {brief(t)}; expected a finite time. Shorten the time")
     velocity, field = _in_frames(mesh, v, u)
     pushed = exponential_action(lie_bracket(mesh, velocity), field.ravel(), -t)
     if not np.isfinite(pushed).all():
         raise AdvectionError(
-            "the field overflows along the flow; shorten the time or slow the field"
+            "the field overflows along the flow; shorten the time or scale the field down"
         )
     return to_ambient(mesh, pushed.reshape(-1, 2))
 

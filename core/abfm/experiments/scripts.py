@@ -113,8 +113,8 @@ class Measure:
     def __post_init__(self) -> None:
         if not math.isfinite(self.value):
             raise MeshError(
-                f"'{self.name}' is {self.value}, because the mesh is too coarse or degenerate; use "
-                "another mesh"
+                f"the measurement '{self.name}' is {self.value}, because the mesh is too "
+                "coarse or degenerate; use another mesh"
             )
 
     @property

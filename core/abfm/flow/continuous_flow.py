@@ -115,7 +115,7 @@ class ContinuousFlow:
         if not faces <= STEP * _MEAN_LIMIT:
             raise ParameterError(
                 f"velocity moves points across {faces:.0e} faces on average; expected at most "
-                f"{STEP * _MEAN_LIMIT:.0e}. Scale it down or shorten the time."
+                f"{STEP * _MEAN_LIMIT:.0e}. Scale it down or shorten the time"
             )
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 

@@ -180,8 +180,8 @@ class ExponentialFlow:
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
             raise AdvectionError(
-                f"advection over this time needs about {x:.0e} products with D_v; expected at "
-                f"most {_PRODUCT_LIMIT:.0e}. Shorten the time or slow the field."
+                f"advection over this time needs about {x:.0e} matrix products; expected at "
+                f"most {_PRODUCT_LIMIT:.0e}. Shorten the time or scale the field down"
             )
         count = max(1, int(np.ceil(x / self.workspace.longest_segment)))
         used, constant = self.workspace.used, constant_part(f)  # a flow does not change constants

@@ -84,7 +84,7 @@ class FlowLineDerivative:
             tapes.append(tape)
         leave(hat_gradients(self.mesh), faces, places, weights)
         if not np.isfinite(weights).all():
-            raise AdvectionError("flow lines have no finite end points; slow the field")
+            raise AdvectionError("flow lines have no finite end points; scale the field down")
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
 
     def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
@@ -107,7 +107,10 @@ class FlowLineDerivative:
             fastest = math.sqrt(float((field**2).sum(axis=1).max()))
         over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
         if not over <= _STEPS_MAX:
-            raise AdvectionError(f"flow lines cross {over:.0e} faces; slow the field")
+            raise AdvectionError(
+                f"flow lines need {over:.0e} steps; expected at most {_STEPS_MAX:.0e}. Scale the "
+                "field down or shorten the time"
+            )
         return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:

@@ -111,7 +111,7 @@ def values_of_object(mesh: TriangleMesh, source: Any) -> ObjectValues | None:
 
 def _part(parts: Mapping[str, Any], side: str) -> Any:
     if not side and len(parts) > 1:
-        raise ValueError(f"it has two hemispheres. {_CHOOSE}")
+        raise ValueError(f"the object has two hemispheres. {_CHOOSE}")
     return part_of(parts, side)
 
 
@@ -120,12 +120,12 @@ def _of_sources(estimate: Any, side: str) -> Columns:
     values = np.asarray(estimate.data)
     if len(vertices) != 2 or values.ndim != 2:
         raise ValueError(
-            f"the source estimate has shape {values.shape}; expected one of a surface with a value "
-            "for each source and time, such as its magnitude()"
+            f"the source estimate has shape {values.shape}; expected one value for each source "
+            "of a surface and each time, as in the result of magnitude()"
         )
     present = [k for k in range(2) if len(vertices[k])]
     if not side and len(present) > 1:
-        raise ValueError(f"it has two hemispheres. {_CHOOSE}")
+        raise ValueError(f"the object has two hemispheres. {_CHOOSE}")
     chosen = "LR".index(side) if side else present[0] if present else 0
     if chosen not in present:
         raise ValueError(

@@ -460,7 +460,9 @@ def _array_name(
     listed = ", ".join(one_line(each, 30) for each in (fitting or names)[:8])
     text = f"{problem}: {listed}" if word is None else f"{problem}; its arrays are {listed}"
     if word is None and fitting and "format_version" not in arrays:
-        raise SeveralArraysError(f"{text}. Choose one of them", fitting)
+        raise SeveralArraysError(
+            f"{text}. Choose one of them, as array=NAME (on the command line --array NAME)", fitting
+        )
     raise ValueError(text)
 
 

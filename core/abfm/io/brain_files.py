@@ -243,7 +243,7 @@ def _single(values: FloatArray, name: str) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         single = np.ascontiguousarray(values, dtype=np.float32)
     if (np.isinf(single) & np.isfinite(values)).any():
-        raise ResultError(f"{name} are too large for single precision. Scale them")
+        raise ResultError(f"{name} are too large for single precision. Scale them down")
     return single
 
 

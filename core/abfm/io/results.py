@@ -24,7 +24,7 @@ from abfm.types import File
 from abfm.workers.control import CancelledError
 
 FORMAT_VERSION = 3  # version of the format of result files
-REMEDY = "Match again and save, or use another copy of the file"
+REMEDY = "Compute the result again, or use another copy of the file"
 SIZE_MAX = 1e154
 """Largest value of functions, and of fields in units of ``length_scale``; larger squares overflow.
 """
@@ -329,7 +329,7 @@ def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) 
     except ValueError as error:
         reason = one_line(error, _REASON_LENGTH_MAX)
         raise ResultError(
-            f"{name_of(path)}: the file was not written: {reason}. Match again and save"
+            f"{name_of(path)}: the file was not written: {reason}. Compute the result again"
         ) from error
     with _opened(path, write_atomically) as file, zipfile.ZipFile(file, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})

@@ -198,7 +198,7 @@ class FlowMapQuality:
             wrong.append(f"5% of the vertices return {error:.2g} or more edges from their start")
         if not wrong:
             return None
-        advice = "Use a shorter time, a larger alpha or a finer mesh."
+        advice = "Use a shorter time, a larger alpha or a finer mesh"
         return f"this map is not reliable: {' and '.join(wrong)}. {advice}"
 
     def report(self) -> str:

@@ -50,7 +50,7 @@ _STEP_MIN = 1e-15
 _AREA = 4 * np.pi
 _THIN_FACES_MESSAGE = (
     "some faces are so thin or small that rounding folds them on the sphere; expected a mesh with "
-    "faces of similar size. Remesh the surface."
+    "faces of similar size. Remesh the surface"
 )
 
 
@@ -95,12 +95,12 @@ def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
             f"the number of pinched vertices of the mesh is {pinched}; an embedding in the sphere "
-            "needs a mesh without them. Split or remove them."
+            "needs a mesh without them. Split or remove them"
         )
     if mesh.genus:
         raise MeshError(
             f"the mesh has genus {mesh.genus}; an embedding in the sphere needs genus 0, a surface "
-            "without handles. Cut or close the handles."
+            "without handles. Cut or close the handles"
         )
     loops, count = mesh.boundary_loops, len(mesh.vertices)
     points = [mesh.vertices, *(mesh.vertices[loop].mean(axis=0)[None] for loop in loops)]

@@ -67,7 +67,7 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
         return (
             f"the mesh is not a sphere: distances of its vertices from the centre differ by up to "
             f"{100 * off:.2g}% from the mean; expected at most {100 * ROUNDNESS:g}%. Use a "
-            "spherical mesh."
+            "spherical mesh"
         )
     directions: FloatArray = offsets / radii[:, None]
     solid = float(solid_angles(directions[mesh.faces]).sum())
@@ -113,7 +113,7 @@ class SphereLayout:
         if len(given) != len(mesh.vertices):
             raise AbfmError(
                 f"the sphere has {len(given)} vertices, but the surface has {len(mesh.vertices)}. "
-                "Use the sphere that belongs to this surface."
+                "Use the sphere that belongs to this surface"
             )
         lengths = np.linalg.norm(given, axis=1)
         if not lengths.min() > 0:
@@ -126,7 +126,7 @@ class SphereLayout:
         if not least < abs(turns) < 1 + ROUNDNESS:
             raise AbfmError(
                 f"the layout covers the sphere {turns:.3g} times; expected once. Use a spherical "
-                "mesh with the faces of the surface."
+                "mesh with the faces of the surface"
             )
         self.sign = 1.0 if turns > 0 else -1.0
         """-1 for a mirrored layout."""

@@ -167,7 +167,7 @@ def finite_points(points: ArrayLike) -> FloatArray:
     if len(bad):
         raise AbfmError(
             f"{len(bad)} of {len(given)} points are not finite (first: row {bad[0]}); expected "
-            "finite coordinates. If a flow computed them, use a shorter time."
+            "finite coordinates. If a flow computed them, use a shorter time"
         )
     return given
 

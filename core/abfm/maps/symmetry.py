@@ -89,7 +89,7 @@ def detect_symmetry(
         raise SymmetryError(
             f"the surface has no {what}: the best one found moves a vertex {found.error:.3g} "
             f"sqrt(area) away from the surface; expected at most {tolerance:g}. Use a file of "
-            "vertex numbers if you know the symmetry.",
+            "vertex numbers if you know the symmetry",
             found.error,
         )
     return found

@@ -292,13 +292,15 @@ class Match(Display):
         agreed = max(_RESIDUAL_DIFFERENCE, _RESIDUAL_SHARE * self.residual)
         if residual > self.residual + agreed:
             load_warning = (
-                f"its residual is {self.residual:.3g}, but that of its field is {residual:.3g}"
+                f"the stored residual is {self.residual:.3g}, but that of the field is "
+                f"{residual:.3g}"
             )
         elif off > agreed:
             load_warning = f"the stored advected source differs by {off:.3g} from that of the field"
         elif self._has_better_verdict():
             load_warning = (
-                f"its verdict is {self.verdict.kind}, its residual {self.worse_residual:.3g}"
+                f"the stored verdict is {self.verdict.kind}, but the residual is "
+                f"{self.worse_residual:.3g}"
             )
         else:
             return self

@@ -205,7 +205,10 @@ class MatchTask(Task):
         """Raise ParameterError if functions are missing or parameters are inconsistent."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0]:
-            raise ParameterError("source and target are missing; give one spec for each")
+            raise ParameterError(
+                "source and target are missing; give a function for each, such as "
+                "gaussian:vertex=12"
+            )
 
     @classmethod
     def read(cls, given: TaskInputs) -> MatchTask:

@@ -80,7 +80,7 @@ def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
         return next(iter(found.values()))
     if not hemisphere:
         raise ValueError(
-            'it has two hemispheres. Choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
+            'the object has two hemispheres. Choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
         )
     part = HEMISPHERES.get(hemisphere)
     if part not in found:

@@ -26,7 +26,7 @@ def read_flag(text: str) -> bool:
     """Return True for a text such as "yes" and False for one such as "no"."""
     if text.lower() in (*_TRUE_WORDS, *_FALSE_WORDS):
         return text.lower() in _TRUE_WORDS
-    raise ParameterError(f"{brief(text)}: expected {_TRUE_WORDS[0]} or {_FALSE_WORDS[0]}")
+    raise ParameterError(f"{brief(text)} is not {_TRUE_WORDS[0]} or {_FALSE_WORDS[0]}")
 
 
 def read_merge(text: str) -> bool | float:
@@ -38,7 +38,7 @@ def read_merge(text: str) -> bool | float:
     try:
         return float(text)
     except ValueError:
-        raise ParameterError(f"{brief(text)}: expected a distance or auto") from None
+        raise ParameterError(f"{brief(text)} is not a distance, auto, yes or no") from None
 
 
 def _option(read: Callable[[str], Any], metavar: str, button: str, about: str, default: Any) -> Any:

@@ -59,8 +59,8 @@ def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
     k = max(faces // count, 1).bit_length() // 2
     if faces != 4**k * count:
         raise MeshError(
-            f"the number of faces is {faces}; expected the {count} of the mesh, or those of its "
-            f"midpoint subdivisions: {4 * count}, {16 * count}, ..."
+            f"the number of faces is {faces}; expected {count}, as the mesh has, or the number of "
+            f"its midpoint subdivisions: {4 * count}, {16 * count}, ..."
         )
     return k
 

@@ -33,7 +33,7 @@ except (RuntimeWarning, ValueError) as error:
     problem = str(error).partition("\n")[0].rstrip(".")
     raise AbfmError(
         f"numba rejects the environment variables {settings}: {problem}. Correct or unset the "
-        "variable."
+        "variable"
     ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])

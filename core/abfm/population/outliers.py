@@ -193,17 +193,18 @@ def _differences(found: Sequence[Similarity], compared: BoolArray) -> list[str]:
             (z_correlations < -ROBUST_Z)
             & (common < _EXPLAINED_RATIO_MIN * _median(common, compared)),
             correlations,
-            "its correlation with the mean of the others is {:.2f} (median {:.2f})",
+            "its correlation with the mean of the others is {:.2f} (median of all subjects {:.2f})",
         ),
         (
             (z_distances > ROBUST_Z) & (distances > _RATIO_MAX * _median(distances, compared)),
             distances,
-            "its distance to the mean of the others is {:.2g} deviations (median {:.2g})",
+            "its distance to the mean of the others is {:.2g} standard deviations "
+            "(median of all subjects {:.2g})",
         ),
         (
             (z_changes > ROBUST_Z) & is_distorted,
             changes,
-            "its map changes areas by a mean |log2 J| of {:.2f} (median {:.2f})",
+            "its map changes areas by a mean |log2 J| of {:.2f} (median of all subjects {:.2f})",
         ),
     )
     for is_outlier, numbers, words in rules:
@@ -249,5 +250,5 @@ def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject:
             return f"; {text}, as in another unit"
         if abs(value_mean - mean) > norm:
             shift = (value_mean - mean) / norm
-            return f"; the mean of its values differs by {shift:.2g} deviations"
+            return f"; the mean of its values differs by {shift:.2g} standard deviations"
     return ""

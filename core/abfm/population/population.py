@@ -194,7 +194,7 @@ class Population(Display):
         rounds = counted(len(self.changes), "round")
         return (
             f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects included; the mean "
-            f"changed by {self.changes[-1]:.2g} of its deviation in the last of {rounds}"
+            f"changed by {self.changes[-1]:.2g} of its standard deviation in the last of {rounds}"
         )
 
     @property

@@ -54,7 +54,8 @@ class Settings:
             if not (is_finite_number(weight) and 0 < weight <= WEIGHT_MAX):
                 raise ParameterError(
                     f"channel {one_line(name, 60)} has weight {brief(weight)}; expected a number "
-                    f"above 0 and at most {WEIGHT_MAX:g}. To ignore a channel, hold it out"
+                    f"above 0 and at most {WEIGHT_MAX:g}. To exclude a channel, name "
+                    "its column held-out:NAME"
                 )
         if self.initial:
             initial.method_of(self.initial)

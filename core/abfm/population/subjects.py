@@ -222,7 +222,7 @@ def _weight(text: str, row: int) -> float:
         return parse_number(text) if text else 1.0
     except ValueError as error:
         raise ParameterError(
-            f"row {row}: the weight {brief(text)} is invalid: {one_line(error)}"
+            f"row {row}: the weight {brief(text)} is not a number ({one_line(error)})"
         ) from None
 
 

@@ -100,7 +100,7 @@ class PopulationTask(Task):
         INITIAL_INPUT,
         number_input(
             "bound",
-            "stop when the mean changes by less than this fraction of its deviation",
+            "stop when the mean changes by less than this fraction of its standard deviation",
             "X",
             "above 0 and at most 1000",
             lambda bound: 1e-9 <= bound <= 1000,

@@ -173,7 +173,7 @@ class Correspondence(Display):
                 raise ParameterError(
                     f"surface {name} of the map has {len(expected.faces)} faces, which differ from "
                     f"the {len(mesh.faces)} faces of the given surface. Use a map between the "
-                    "given surfaces."
+                    "given surfaces"
                 )
         if _same_positions(a, self.a) and _same_positions(b, self.b):
             return self

@@ -304,7 +304,7 @@ def _as_landmarks(
                 raise ParameterError(
                     f"the landmarks of {name} are on a surface with {len(points.mesh.faces)} "
                     f"faces, which differ from the {len(mesh.faces)} faces of the given surface. "
-                    "Use landmarks on the given surfaces."
+                    "Use landmarks on the given surfaces"
                 )
         return given
     pairs = np.asarray(given)

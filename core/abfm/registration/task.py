@@ -95,7 +95,7 @@ def _export_surface(path: Path, found: Registration) -> None:
         raise ResultError(
             f"cannot write {path}: {missing} of the vertices of A's file were removed or merged. "
             "Rows would therefore differ from those of A's file. Write a .npz file, or use a mesh "
-            "file for A that needs no repair."
+            "file for A that needs no repair"
         )
     try:
         positions, structure = found.back.positions, found.a.structure

@@ -122,19 +122,19 @@ def check_frames(
         named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
         raise FunctionError(
             f"no finite value in frame {named} (counted from 0). Remove such frames, and give "
-            "the times of the others."
+            "the times of the others"
         )
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
         raise FunctionError(
-            "no vertex has finite values in all frames. Remove the frames with missing values."
+            "no vertex has finite values in all frames. Remove the frames with missing values"
         )
     vertex_mask = mask_of_known(mask_from_input(mesh, mask), known)
     compared = known if vertex_mask is None else vertex_mask > 0
     if not compared.any():
         raise FunctionError(
             "no vertex with a mask above 0 has finite values in all frames. Give a mask above 0 "
-            "at vertices with values."
+            "at vertices with values"
         )
     _fill_in(mesh, frames, compared, is_weighted)
     frames.flags.writeable = False

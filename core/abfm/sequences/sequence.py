@@ -518,7 +518,7 @@ def _refuse_extremes(frames: Frames, given: SequenceParameters) -> None:
         raise FunctionError(
             f"frames have values of up to {largest:.3g} and intervals of "
             f"{frames.durations[shortest]:.3g}; their squares over- or underflow. Scale all "
-            "values, or all times, by one factor; this does not change the flow."
+            "values, or all times, by one factor; this does not change the flow"
         ) from None
 
 

@@ -63,8 +63,8 @@ _PARAMETER_HELP = {
     "held-out patches of a few intervals",
     "order": "order of the norm of the fields; 1 as in the paper, 2 for smoother fields; auto: "
     "chosen by held-out patches",
-    "sigma": "weight of the smoothness, in deviations of the frames; smaller values match more "
-    "closely; auto: the largest with nearly the best prediction of held-out patches",
+    "sigma": "weight of the smoothness, in standard deviations of the frames; smaller values match "
+    "more closely; auto: the largest that predicts held-out patches nearly best",
     "sigma_unit": "unit of sigma: relative to the L2 deviation of the frames from their mean, or "
     "absolute as in the paper",
 }

@@ -107,7 +107,7 @@ class Remedies:
             | {"reach": needed, "iterations": max(p.solver.iterations, _DEFAULTS.solver.iterations)}
         )
         defaults = " and the default continuation" if len(changed) > 2 else ""
-        words = f"use a larger reach, such as {needed:g} of sqrt(area){defaults}"
+        words = f"use a larger reach, such as {needed:g} sqrt(area){defaults}"
         return Remedy("Reach further", words, changed)
 
     def more_consistent(self) -> Remedy | None:

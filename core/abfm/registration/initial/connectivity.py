@@ -17,7 +17,7 @@ def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
     if difference:
         raise AbfmError(
             f"A and B do not have the same connectivity: {difference}; expected the same faces "
-            "between the same vertices. Choose another initial map."
+            "between the same vertices. Choose another initial map"
         )
     return PointMap.of_vertices(b, a)
 

@@ -181,7 +181,7 @@ class _Side(NamedTuple):
             raise AbfmError(
                 f"the point of {self.which} in row {row} is {gaps.max():.3g} sqrt(area) away from "
                 f"the surface; expected at most {_DISTANCE_MAX:g}. Check that the coordinates are "
-                "in the units of the mesh."
+                "in the units of the mesh"
             )
         return projected.positions
 

@@ -75,7 +75,7 @@ def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> 
         raise AbfmError(
             "faces of A were flipped on reading, so their corners are no longer in the order of "
             "the file. Save A again and give weights for the new file, or use a file with a vertex "
-            "of A for each vertex of B."
+            "of A for each vertex of B"
         )
     fitting = []
     for first in (1, 0) if path.lower().endswith(".vts") else (0, 1):

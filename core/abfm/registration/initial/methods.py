@@ -155,7 +155,7 @@ def _by_landmarks(given: MapInput, options: list[str]) -> Initial:
         count = 0 if given.landmarks is None else len(given.landmarks)
         raise ParameterError(
             f"the number of landmarks is {count}; the initial map 'landmarks' needs at least "
-            f"{LANDMARKS_MIN}. Add landmarks, or choose another initial map, which also uses them."
+            f"{LANDMARKS_MIN}. Add landmarks, or choose another initial map, which also uses them"
         )
     return search_initial_map(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
@@ -189,7 +189,7 @@ def _from_file(given: MapInput, options: list[str]) -> Initial:
     if isinstance(found, Landmarks):
         raise ParameterError(
             f"{path} has pairs of points; expected a point of A for every vertex of B. Use the "
-            "pairs as landmarks."
+            "pairs as landmarks"
         )
     return make_continuous(given, found)
 
@@ -236,7 +236,7 @@ def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     if len(vertices) != mesh.file_vertex_count:
         raise ParameterError(
             f"{path} has {len(vertices)} vertices, but the surface has {mesh.file_vertex_count}. "
-            "Use the sphere that belongs to this surface."
+            "Use the sphere that belongs to this surface"
         )
     with suppress(MeshError):  # the sphere is repaired in the same way as the surface
         sphere = TriangleMesh(vertices, faces)

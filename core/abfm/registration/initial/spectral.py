@@ -169,7 +169,7 @@ def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
     if len(mesh.vertices) < VERTICES_MIN:
         raise AbfmError(
             f"{which} has {len(mesh.vertices)} vertices; a map by eigenfunctions needs at least "
-            f"{VERTICES_MIN}. Use a finer mesh, or landmarks."
+            f"{VERTICES_MIN}. Use a finer mesh, or landmarks"
         )
     if len(mesh.vertices) <= 1.5 * VERTICES_MAX:
         return mesh

@@ -45,7 +45,7 @@ def warn_of_numbering(
         warnings.warn(
             f"landmarks are counted from {first}, but counted from {other} they agree better: "
             f"distances between them differ by {lower:.2g} instead of {cost:.2g} sqrt(area). "
-            f"{'Remove' if first else 'Use'} --one-based.",
+            f"{'Remove' if first else 'Use'} --one-based",
             AbfmWarning,
             stacklevel=3,
         )

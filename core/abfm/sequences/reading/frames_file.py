@@ -92,5 +92,5 @@ def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):
             raise ValueError(
                 f"its first column numbers the vertices from {begin} to {begin + count - 1} and "
-                "is not a frame. Remove the column."
+                "is not a frame. Remove the column"
             )

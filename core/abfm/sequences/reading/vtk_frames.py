@@ -162,7 +162,8 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
     notes = [] if array else [f"its frames are the point data {grids[0].name!r}"]
     if not distance <= _DISTANCE_MAX * mesh.length_scale:
         notes.append(
-            f"points are up to {distance:.3g} from the vertices of the mesh, which is not changed"
+            f"points of the file are up to {distance:.3g} from the vertices of the mesh, whose "
+            "positions are used"
         )
     if not np.isfinite(times).all():
         return FramesFile(np.stack(values), None, tuple(notes))

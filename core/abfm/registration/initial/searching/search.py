@@ -514,7 +514,7 @@ def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
         found.append(
             f"a different initial map is nearly as good (costs: {best.start.name} "
             f"{best.cost:.2f}, {rival.start.name} {rival.cost:.2f}), for example because front and "
-            "back are similar. Use landmarks to distinguish them."
+            "back are similar. Use landmarks to distinguish them"
         )
     return found
 
