@@ -94,13 +94,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser.add_argument_group("output"))
     add("--inverse", "transfer from B to A")
     what = "output file: .shape.gii, .annot, .csv, .obj, .glb, ..."
-    add("--out", what, "FILE", type=Path)
+    add("--out", what, "FILE", type=Path, required=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
-    if out is None:
-        raise UsageError("--out is missing; give the file to write")
     outputs.check_folder(out)
     outputs.check_not_read(out, (arguments.data, arguments.labels, arguments.points))
     if arguments.texture:

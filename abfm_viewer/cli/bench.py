@@ -64,7 +64,13 @@ MAIN_OPTIONS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("--seconds", "seconds for each baseline (default: 60)", "S", type=positive, default=60.0)
+    add(
+        "--seconds",
+        "seconds for each compared method (default: 60)",
+        "S",
+        type=positive,
+        default=60.0,
+    )
     add("--viewer", "measure the window, off-screen if there is no screen")
     add("--success", "count matches of random problems")
     add("--measured", "measure errors of maps between noisy functions")

@@ -46,6 +46,10 @@ class Parser(argparse.ArgumentParser):
         about = "show all options and explanations" if details or main else argparse.SUPPRESS
         add("--help-all", action=_HelpAll, nargs=0, help=about)
 
+    def require(self, name: str) -> None:
+        """Require an option that is declared as optional elsewhere."""
+        self._option_string_actions[f"--{name}"].required = True
+
     def is_main(self, action: argparse.Action) -> bool:
         names = {name.lstrip("-") for name in action.option_strings}
         if not names or not self.main_options or action.required:

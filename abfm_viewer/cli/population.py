@@ -14,7 +14,7 @@ from abfm.population.task import PopulationTask
 from abfm.tasks.inputs import FUNCTIONS_HELP
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, solve
-from abfm_viewer.cli.exit_status import UsageError, print_note
+from abfm_viewer.cli.exit_status import print_note
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -75,13 +75,12 @@ _PICTURE_WIDTH = 400
 
 def add_arguments(parser: options.Parser) -> None:
     options.add_inputs(parser, PopulationTask.inputs)
+    parser.require("template")
     options.add_workers(parser)
     options.add_folder(parser, is_required=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.template is None:
-        raise UsageError("--template is missing; give the surface to which subjects are registered")
     folder: Path = arguments.out
     row = solve.row_of(arguments, PopulationTask)
     table = folder / "subjects.csv"

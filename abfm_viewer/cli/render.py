@@ -77,17 +77,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     what = "picture (.png), movie (.mp4, .gif) or page (.html) to write"
     add("--out", what, "FILE", type=Path, required=True)
-    add("--size", "size in pixels, such as 1600x900", "WxH", type=size)
+    add(
+        "--size",
+        "size in pixels (default: 1600x900, movies 1280x720, .gif 800x450; sheets by their panels)",
+        "WxH",
+        type=size,
+    )
     add(
         "--time",
-        "time of a picture, 0 to 2 tau (default: that of the project, or tau). It is repeatable "
-        "for a sheet (default: quarters of tau, or six times of a sequence)",
+        "time of a picture, 0 to 2 tau for a match; repeatable for a sheet (default: time of the "
+        "project, or tau; for a sheet quarters of tau, or six times of a sequence)",
         "T",
         type=float,
         action="append",
     )
     add(
-        "--style", "style of a picture (default: depends on the input)", choices=("sheet", "window")
+        "--style",
+        "style of a picture (default: window for projects and registrations, else sheet)",
+        choices=("sheet", "window"),
     )
     add("--channel", "number of the channel (default: 0, or the active one)", "C", type=int)
     add_up(add)
@@ -105,7 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seconds", "length in seconds (default: 4)", "S", type=positive)
     add("--fps", "frames per second (default: 30)", "N", type=positive)
     add("--from", "first time (default: 0, or the first frame)", "T", type=float, dest="start")
-    what = "last time (default: tau for a match, which may have up to 2 tau, or the last frame)"
+    what = "last time, for a match at most 2 tau (default: tau, or the last frame)"
     add("--to", what, "T", type=float, dest="end")
     what = "angle by which the surfaces turn during the movie (default: 0)"
     add("--turntable", what, "DEGREES", type=angle)

@@ -287,13 +287,13 @@ def function_input(name: str, help: str) -> Input:
 
 def mask_input(name: str, help: str) -> Input:
     """Return the input of a mask: a nonnegative weight at each vertex."""
-    text = f"{help}, 0 or more: a file of values or a SPEC"
+    text = f"{help}, 0 or more: a file of values or a SPEC (default: 1)"
     return Input(name=name, help=text, metavar="FILE", group="functions", renamed=renamed_function)
 
 
 CIRCULAR_INPUT = Input(
     name="circular",
-    help="values are phases with this period (default: 2 pi), compared by their cosine and sine",
+    help="values are phases with this period (2 pi if it is omitted), compared by cosine and sine",
     read=_circular,
     metavar="PERIOD",
     group="functions",

@@ -107,6 +107,14 @@ def test_help_shows_the_main_options(command, capsys):
     assert set(main_options) - set(option_names(complete)) <= arguments
 
 
+@pytest.mark.parametrize(
+    ("command", "required"),
+    [("population", "--template SURFACE --out DIR"), ("apply", "--out FILE")],
+)
+def test_usage_shows_required_options(command, required, capsys):
+    assert f" {required} [options]" in help_text(f"{command} --help", capsys).splitlines()[0]
+
+
 def test_commands_are_listed_and_parsers_keep_settings(abfm):
     out = abfm("").out
     for command in commands.COMMANDS:
