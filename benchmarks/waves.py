@@ -67,7 +67,7 @@ def wave(mesh: TriangleMesh, kind: str, displacement: float) -> KnownMotion:
 
 
 class Case(NamedTuple):
-    """A row of the table."""
+    """A kind of wave, its displacement and its noise: a row of the table."""
 
     surface: Path
     kind: str

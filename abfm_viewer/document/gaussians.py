@@ -90,7 +90,7 @@ def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
 
 
 def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
-    """Return the spec with other terms in place of one Gaussian, or at the end."""
+    """Return the spec in which other terms replace one Gaussian, or are added at the end."""
     tree = functions.parse(spec)
     terms = list(_terms(tree))
     places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]

@@ -29,7 +29,7 @@ _CHOSEN_COLOR = CURVE_COLORS[2]
 
 
 def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
-    """Return the font of plots, which has Greek letters, in a size in pixels."""
+    """Return the font of plots, which has Greek letters; its size is in pixels."""
     return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), pixels)
 
 
