@@ -257,9 +257,11 @@ def remove_abandoned(folder: Path) -> None:
                     # The file is removed while it is locked: a process that waits for the lock
                     # creates it again. A file without links was removed before, so its name may
                     # belong to a new file.
-                    is_there = os.fstat(descriptor).st_nlink > 0
-                    if is_there and (_is_readable(path) or _is_old(path)):
-                        _remove(path)
-                    os.close(descriptor)
+                    try:
+                        is_there = os.fstat(descriptor).st_nlink > 0
+                        if is_there and (_is_readable(path) or _is_old(path)):
+                            _remove(path)
+                    finally:
+                        os.close(descriptor)
                 elif _is_old(path):
                     _remove(path)

@@ -1,6 +1,7 @@
 """Atomic replacement of files, removal of temporary files, and exports."""
 
 import csv
+import fcntl
 import os
 import resource
 import signal
@@ -253,6 +254,24 @@ def test_file_created_again_is_not_abandoned(tmp_path, monkeypatch):
     monkeypatch.setattr(atomic, "_locked", locked_late)
     atomic.remove_abandoned(tmp_path)
     assert path.exists()
+
+
+def test_finished_file_is_unlocked_after_a_check(tmp_path, monkeypatch):
+    """Its writer may rename a temporary file while another process checks it."""
+    path = tmp_path / f"{atomic._PREFIX}0123456789ab.txt"
+    path.touch()
+    lock = atomic._locked
+
+    def locked_late(path, flags=0):
+        descriptor = lock(path, flags)
+        path.rename(tmp_path / "m.txt")
+        return descriptor
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "_locked", locked_late)
+        atomic.remove_abandoned(tmp_path)
+    os.close(lock(tmp_path / "m.txt", fcntl.LOCK_NB))
+    assert os.listdir(tmp_path) == ["m.txt"]
 
 
 def test_temporary_files_can_be_removed_at_exit(tmp_path):
