@@ -34,7 +34,10 @@ class TableReader:
         self._known: dict[Path, ResultRow] = {}
 
     def read(self, anew: bool = True) -> ResultTable:
-        """Return the table, or raise; if no file changed and not ``anew``, as the same object."""
+        """Return the table, as the same object if no file changed and ``anew`` is False.
+
+        A missing or damaged table raises a `ResultError`.
+        """
         stamps = _stamps(self.place)
         if self._table is None or anew or stamps != self._stamps:
             self._table, self._stamps = self._read(), stamps

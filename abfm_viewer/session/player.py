@@ -36,7 +36,7 @@ class Player:
     def advance(
         self, time: float, seconds: float, tau: float, end: float, tau_seconds: float = SECONDS
     ) -> float:
-        """Return the time to show after some seconds; ``tau_seconds`` is 0 to tau at speed 1."""
+        """Return the time to show after some seconds; 0 to tau takes ``tau_seconds`` at speed 1."""
         if self.waiting:
             return time
         end = end if self.beyond and not self._to_tau else tau
