@@ -85,8 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--time",
-        "time of a picture, 0 to 2 tau for a match; repeatable for a sheet (default: time of the "
-        "project, or tau; for a sheet quarters of tau, or six times of a sequence)",
+        "time of a picture, 0 to 2 tau for a match (default: that of the project, or tau). It is "
+        "repeatable for a sheet (default: quarters of tau, or six times of a sequence)",
         "T",
         type=float,
         action="append",

@@ -228,7 +228,7 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
 
 
 def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
-    """Show only the arrows that are completely visible from an eye."""
+    """Show only the arrows that are completely visible from a point of view."""
     vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
     ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 

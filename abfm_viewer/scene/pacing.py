@@ -80,7 +80,8 @@ class Supersampling:
     def update(self, moves: bool, seconds: float) -> None:
         """Choose the samples of the next frame.
 
-        ``moves`` is whether it differs from this one, ``seconds`` the time to draw one sample.
+        ``moves`` is whether the next frame differs from this one, ``seconds`` the time to draw a
+        sample.
         """
         if not self._is_real:
             return

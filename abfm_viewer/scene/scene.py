@@ -289,7 +289,7 @@ class Scene:
         return Hit(name, Point(face, triple(weights)), vertex)
 
     def _front(self, slot: str) -> Front | None:
-        """Return the front of a surface, chosen and stored with its functions; None before that."""
+        """Return the front of a surface, chosen when its functions are known; None before that."""
         session, surface = self._session, self._session.surface(slot)
         if surface.front is not None:
             return surface.front

@@ -95,8 +95,8 @@ class MatchRun:
         """Return the view that shows the flow after a match; None if there is nothing to play.
 
         Streaks are added if they can be computed quickly, otherwise arrows. Nothing is added if the
-        view shows the flow already or colours the surface by the field. Nor is it for later matches
-        of a document, so that a user who hid the flow does not see it again.
+        view shows the flow already or colours the surface by the field. Later matches of the same
+        document add nothing either, because the user may have hidden the flow.
         """
         view, document = self._parts.view, self._parts.document
         if not view.flow_after_match or not match.velocity.any():
