@@ -24,7 +24,7 @@ def real_numbers(
             f"{name} is not an array: {one_line(problem, 80)}; expected real numbers"
         ) from None
     if array.dtype.kind not in "biuf":
-        raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")
+        raise error(f"the type of {name} is {one_line(array.dtype, 40)}; expected real numbers")
     return as_float64(array)
 
 

@@ -76,12 +76,12 @@ def lines(population: Population) -> list[str]:
     found = [population.headline]
     for each in facts["channels"]:
         parts = [
-            f"correlation with the mean of the others {_score_text(each['before'])} before, "
-            f"{_score_text(each['after'])} after"
+            f"correlation with the mean of the other subjects {_score_text(each['before'])} before "
+            f"registration, {_score_text(each['after'])} after"
         ]
         if each["total"]:
             share = each["phase"] / each["total"]
-            parts.insert(0, f"{100 * share:.0f}% of the variance is position (phase)")
+            parts.insert(0, f"{100 * share:.0f}% of its variance is variation of position (phase)")
         held_out = ", held out" if each["held_out"] else ""
         found.append(f"{printable(each['name'])}{held_out}: {'; '.join(parts)}")
     found += [

@@ -72,8 +72,14 @@ def _cells(text: str, separator: str | None, comments: str | None) -> Iterator[l
             if any(cells) and not (comments and row[0].startswith(comments)):
                 yield cells
     except csv.Error as error:
-        reason = one_line(error).replace("unexpected end of data", _OPEN_QUOTE)
-        raise ValueError(f"line {rows.line_num}: {reason}") from None
+        raise ValueError(f"line {rows.line_num}: {_table_error(error)}") from None
+
+
+def _table_error(error: csv.Error) -> str:
+    """Return the message of an error of the csv module, in words of this package."""
+    if "field limit" in str(error):
+        return f"a cell has more than {csv.field_size_limit():,} characters"
+    return one_line(error).replace("unexpected end of data", _OPEN_QUOTE)
 
 
 def parse_number(text: str, decimal_comma: bool = False) -> float:
@@ -232,7 +238,7 @@ def _split(line: str, separator: str | None) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error as error:  # this is not a ValueError
-        raise ValueError(str(error)) from None
+        raise ValueError(_table_error(error)) from None
 
 
 def is_number(text: str) -> bool:

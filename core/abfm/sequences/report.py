@@ -63,7 +63,11 @@ def details(sequence: Sequence) -> dict[str, Any]:
 def lines(sequence: Sequence) -> list[str]:
     unit = "second" if sequence.unit_of_time else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
-    where_steep = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
+    where_steep = (
+        f"{np.median(speed[steep]):.3g} where the frames have a steep gradient, "
+        if steep.any()
+        else ""
+    )
     others = Counter(
         "not solved" if is_unsolved(verdict) else verdict.kind for verdict in sequence.verdicts
     )
@@ -139,7 +143,7 @@ def motion_text(sequence: Sequence) -> str:
     if found == 0:
         why = "noise hides the motion" if sequence.has_motion else "held-out frames show no motion"
         return f"the linear blend, as {why}"
-    return f"{share(found)} of the motion, by held-out frames"
+    return f"interpolated by {share(found)} of the motion, as held-out frames show"
 
 
 def uncertainty_text(sequence: Sequence) -> str:

@@ -62,10 +62,12 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
     axis = vertex_axis(given.shape, counts, 1 if frames_first else 0)
     if given.shape[axis] not in counts:
         sizes = " or ".join(map(str, sorted({*counts})))
-        hint = ""
+        hint = "; expected one value for each vertex and frame"
         if len(mesh.faces) in given.shape:
-            hint = f" and {len(mesh.faces)} faces. Give values at vertices, such as means of faces"
-        raise ValueError(f"it has the shape {given.shape}; the mesh has {sizes} vertices{hint}")
+            hint = (
+                f" and {len(mesh.faces)} faces. Give values at vertices, such as means over faces"
+            )
+        raise ValueError(f"its shape is {given.shape}, but the mesh has {sizes} vertices{hint}")
     if given.ndim == 2 and axis == 0:
         _refuse_numbers_of_vertices(given)
     if frames_first and axis == 0:
