@@ -142,10 +142,33 @@ def windows(monkeypatch):
     become(WINDOWS, monkeypatch)
 
 
+@dataclass
+class Source:
+    """Modules, attributes, file names and unsuitable openings of texts in a source file."""
+
+    modules: set
+    attributes: set
+    names: set
+    openings: list
+
+
 @pytest.fixture(scope="module")
-def trees():
-    """Return the syntax tree of each source file of the product."""
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+def sources():
+    """Return the facts of each source file of the product by its path."""
+    found = {}
+    for path in SOURCES:
+        source = found[path] = Source(set(), set(), set(), [])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            source.names.update(names_in(node))
+            if isinstance(node, ast.Import):
+                source.modules.update(alias.name for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                source.modules.add(node.module or "")
+            elif isinstance(node, ast.Attribute):
+                source.attributes.add(node.attr)
+            elif isinstance(node, ast.Call) and opening_without_encoding(node):
+                source.openings.append(node.lineno)
+    return found
 
 
 # Facts that modules read when they are imported
@@ -282,30 +305,13 @@ def test_script_without_a_main_guard_runs_once(tmp_path):
     assert done.stdout.split() == ["started", "6"]
 
 
-def imported(tree):
-    """Return the modules that a module imports."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            found.add(node.module or "")
-    return found
-
-
-def test_no_module_forks(trees):
+def test_no_module_forks(sources):
     """Windows cannot fork, and a fork of a process with threads may block on macOS."""
-    modules = {path: imported(tree) for path, tree in trees.items()}
-    assert sum("subprocess" in names for names in modules.values()) >= 3
-    users = [path.name for path, names in modules.items() if "multiprocessing" in names]
+    assert sum("subprocess" in source.modules for source in sources.values()) >= 3
+    users = [path.name for path, source in sources.items() if "multiprocessing" in source.modules]
     assert users == ["common.py"]  # of the benchmarks
     assert 'get_context("spawn")' in (ROOT / "benchmarks/common.py").read_text(encoding="utf-8")
-    attributes = {
-        node.attr
-        for tree in trees.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute)
-    }
+    attributes = set().union(*(source.attributes for source in sources.values()))
     assert "getpid" in attributes
     assert not attributes & {"fork", "forkpty", "setsid", "getuid", "killpg"}
 
@@ -543,25 +549,23 @@ def test_dialogs_suggest_valid_names(name, suggested):
     assert valid_name(name) == suggested
 
 
-def names_in(tree):
-    """Yield the parts of file names that a module joins to a folder or replaces in a path."""
-    for node in ast.walk(tree):
-        parts = []
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
-            parts = [node.right]
-        elif isinstance(node, ast.Call):
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            if name in ("with_name", "with_stem", "with_suffix", "Path"):
-                parts = node.args
-        for part in parts:
-            pieces = part.values if isinstance(part, ast.JoinedStr) else [part]
-            values = [getattr(piece, "value", None) for piece in pieces]
-            if any(isinstance(value, str) for value in values):
-                yield "".join(value if isinstance(value, str) else "x" for value in values)
+def names_in(node):
+    """Yield the parts of file names that an expression joins to a folder or replaces in a path."""
+    parts = []
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div):
+        parts = [node.right]
+    elif isinstance(node, ast.Call):
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        parts = node.args if name in ("with_name", "with_stem", "with_suffix", "Path") else []
+    for part in parts:
+        pieces = part.values if isinstance(part, ast.JoinedStr) else [part]
+        values = [getattr(piece, "value", None) for piece in pieces]
+        if any(isinstance(value, str) for value in values):
+            yield "".join(value if isinstance(value, str) else "x" for value in values)
 
 
-def test_written_files_have_valid_names(trees):
-    names = {name for tree in trees.values() for name in names_in(tree)}
+def test_written_files_have_valid_names(sources):
+    names = set().union(*(source.names for source in sources.values()))
     assert {"ledger", "subjects.csv", ".npz", "errors.txt", "figure-xx"} <= names
     assert not [name for name in names if not all(map(is_valid, f"x{name}".split("/")))]
     assert is_valid(f"{atomic._PREFIX}0123456789ab.npz")
@@ -663,15 +667,10 @@ def test_texts_without_encoding_are_found(code, without):
     assert opening_without_encoding(ast.parse(code).body[0].value) == without
 
 
-def test_texts_are_opened_with_an_encoding(trees):
+def test_texts_are_opened_with_an_encoding(sources):
     """The default of Windows is the encoding of the country."""
-    found = [
-        f"{path.relative_to(ROOT)}:{node.lineno}"
-        for path, tree in trees.items()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and opening_without_encoding(node)
-    ]
-    assert found == []
+    openings = {path: source.openings for path, source in sources.items() if source.openings}
+    assert openings == {}
 
 
 # Fonts, pictures and the window

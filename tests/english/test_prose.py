@@ -34,28 +34,25 @@ def test_prose_has_no_private_idioms(folder):
     assert found == []
 
 
+@pytest.fixture(scope="module")
 def definitions():
+    """Return the place, name and docstring of each module, class and function."""
+    found = []
     for path in chain.from_iterable(map(files_in, FOLDERS)):
         if path.suffix == ".py":
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            yield from ((path, node) for node in ast.walk(tree))
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                    found.append((path, getattr(node, "name", ""), ast.get_docstring(node) or ""))
+    return found
 
 
-def test_docstrings_begin_with_an_action_or_a_name():
-    kinds = ast.Module | ast.ClassDef | ast.FunctionDef
-    summaries = [
-        (path, ast.get_docstring(node)) for path, node in definitions() if isinstance(node, kinds)
-    ]
-    assert len(summaries) > 1000
-    assert [found for found in summaries if found[1] and HEADLESS_SUMMARY.match(found[1])] == []
+def test_docstrings_begin_with_an_action_or_a_name(definitions):
+    assert sum(bool(docstring) for _, _, docstring in definitions) > 1000
+    assert [found for found in definitions if HEADLESS_SUMMARY.match(found[2])] == []
 
 
-def test_names_of_tests_are_short():
-    names = [
-        node.name
-        for _, node in definitions()
-        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
-    ]
+def test_names_of_tests_are_short(definitions):
+    names = [name for _, name, _ in definitions if name.startswith("test_")]
     assert len(names) > 1000
     assert [name for name in names if len(name) > TEST_NAME_LENGTH_MAX] == []
 

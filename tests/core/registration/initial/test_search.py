@@ -1,6 +1,7 @@
 """The search among initial maps: costs of candidates, relaxation, and the choice."""
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -127,10 +128,16 @@ def test_brackets_distinguish_mirror_images():
     assert_array_equal(to_a, np.arange(len(to_a)))
 
 
+@cache
+def found_on_other_body(method):
+    """Return the map of `BODY` onto a body of other proportions, and its true vertices."""
+    b, truth = other_body((1, 1.2, 1))
+    return initial_map(method, MapInput(BODY, b)).correspondence, truth
+
+
 @pytest.mark.parametrize("method", [None, "spectral", "extremities"])
 def test_body_of_other_proportions_is_mapped(method):
-    b, truth = other_body((1, 1.2, 1))
-    found = initial_map(method, MapInput(BODY, b)).correspondence
+    found, truth = found_on_other_body(method)
     assert map_accuracy(found.points, truth, 150).mean < 0.08
     distortion = found.distortion()
     assert distortion.folded == distortion.collapsed == 0
@@ -207,11 +214,10 @@ def test_mirror_image_with_boundary():
 
 
 def test_files_store_candidates(tmp_path):
-    b, _ = other_body((1, 1.2, 1))
-    found = initial_map("extremities", MapInput(BODY, b)).correspondence
+    found, _ = found_on_other_body("extremities")
     found.save(tmp_path / "map.npz")
     assert abfm.load(tmp_path / "map.npz").candidates == found.candidates
-    elsewhere = TriangleMesh(b.vertices + 1, b.faces)
+    elsewhere = TriangleMesh(found.b.vertices + 1, found.b.faces)
     assert found.on_surfaces(BODY, elsewhere).candidates == found.candidates
 
 
