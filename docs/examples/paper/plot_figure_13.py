@@ -80,5 +80,7 @@ for name, points in maps.items():
     accuracy = map_accuracy(points, most=300)
     print(f"{name}: mean error {accuracy.mean:.4f}")
     curves.append(Curve(name, levels, 100 * accuracy.share_under(levels)))
-plot = Plot(tuple(curves), "geodesic error, sqrt(area)", "vertices below the error, %", "maps")
+plot = Plot(
+    tuple(curves), "geodesic error, sqrt(area)", "vertices below the error, %", "errors of maps"
+)
 figure_picture(Sheet(((plot,),)))
