@@ -30,7 +30,7 @@ SIZE = (1600, 1000)
 SIZE_MAX = (1000, 1300)
 """Of other pictures, in pixels."""
 _BYTES_MAX = 400_000
-_LEVELS = 63  # of red, green and blue in pictures that would be too large otherwise
+_COLOR_STEPS = 63  # of red, green and blue in pictures that would be too large otherwise
 _DATA = DOCS.parents[1]  # of other repositories, which are cloned next to this one
 _DENSITY = "0.2"  # of arrows on brains, where they would be small otherwise
 _HUMAN = asset_path("human_fine_A.off")
@@ -48,18 +48,25 @@ _PAPER = (  # the energy and the continuation of the paper
 
 
 def store(picture: Image.Image, name: str) -> None:
-    """Save a picture in ``docs/images``, in a file of limited size."""
-    picture = picture.convert("RGB")
-    if not name.startswith("window"):
+    """Save a picture in ``docs/images``, in a file of limited size.
+
+    A file that would be too large has fewer colours. If this is not enough, a window has even fewer
+    colours, and any other picture fewer pixels.
+    """
+    picture, is_window = picture.convert("RGB"), name.startswith("window")
+    if not is_window:
         picture.thumbnail(SIZE_MAX, Image.Resampling.LANCZOS)
-    path, full, share = IMAGES / name, picture, 1.0
+    path, share, steps = IMAGES / name, 1.0, _COLOR_STEPS
     picture.save(path, optimize=True)
-    while path.stat().st_size > _BYTES_MAX:  # reduce the colours, then also the size
-        width, height = (round(share * length) for length in full.size)
-        reduced = full.resize((width, height), Image.Resampling.LANCZOS)
-        levels = np.round(np.asarray(reduced) * (_LEVELS / 255)) * (255 / _LEVELS)
-        Image.fromarray(np.round(levels).astype(np.uint8)).save(path, optimize=True)
-        share *= 0.95
+    while path.stat().st_size > _BYTES_MAX:
+        width, height = (round(share * length) for length in picture.size)
+        reduced = picture.resize((width, height), Image.Resampling.LANCZOS)
+        colors = np.round(np.asarray(reduced) * (steps / 255)) * (255 / steps)
+        Image.fromarray(np.round(colors).astype(np.uint8)).save(path, optimize=True)
+        if is_window:
+            steps -= 8
+        else:
+            share *= 0.95
 
 
 def _run(*words: object) -> None:
@@ -199,6 +206,7 @@ def window_surfaces(folder: Path) -> None:
     with Driver(size=SIZE) as gui:
         gui.menu("Samples", CORTEX)
         _match(gui, "Match")
+        gui.wait(lambda session: session.work.facts.is_complete, seconds=120)
         gui.click("Look", within="steps")  # the tab Functions shows names of local files
         gui.type("density", _DENSITY)
         _screenshot(gui, "window-surfaces.png", 1.0)
