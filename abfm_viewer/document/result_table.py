@@ -47,7 +47,7 @@ COLUMNS: Mapping[Name, Column] = {
     "correlation": Column(
         "correlation", "Correlation with the mean of the other subjects, without outliers.", ".3f"
     ),
-    "reason": Column("why", "Reason for the verdict or for a failure."),
+    "reason": Column("reason", "Reason for the verdict or for a failure."),
 }
 
 

@@ -19,7 +19,7 @@ def capital(text: str) -> str:
 
 def sentence(text: str) -> str:
     """Return a text as a sentence, with a capital letter and a full stop."""
-    return f"{capital(text)}."
+    return capital(text).removesuffix(".") + "."
 
 
 def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:

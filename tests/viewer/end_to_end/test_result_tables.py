@@ -144,7 +144,7 @@ def sort_and_search(opened, monkeypatch):
         opened.click(head, "rows")
         known = [row.facts.number(name) for row in tables.rows if row.path is not None]
         assert known == sorted(known, reverse=True)
-    for head in ("name", "why", "folded"):
+    for head in ("name", "reason", "folded"):
         opened.click(head, "rows")
     opened.click("name", "rows")
     assert rows_of(opened) == ["along x", "along z", "gone", "later"]
@@ -171,7 +171,7 @@ def omit_columns(opened, monkeypatch):
     """Widen texts: columns without space are omitted, and are in a tooltip of the name."""
     every = heads_of(opened)
     assert len(every) == len(ResultTable.columns)
-    wider = {"name": every["name"] + 5, "reason": every["why"]}
+    wider = {"name": every["name"] + 5, "reason": every["reason"]}
     monkeypatch.setattr(result_table, "_TEXT_WIDTH_MIN", wider)
     heads = heads_of(opened)
     assert set(every) - set(heads) == {"folded"}
