@@ -1,4 +1,4 @@
-"""Seconds to a match on finer and finer meshes.
+"""Time that the solver takes to match two Gaussians, on increasingly fine spheres.
 
 Run it with ``python -m benchmarks.arrival`` and the options of ``abfm bench --arrival``.
 """
@@ -25,7 +25,7 @@ HEADINGS = (
 
 
 def gaussians(subdivision: int) -> Problem:
-    """Return the problem of two Gaussians at a distance on a new icosphere."""
+    """Return the problem of matching a Gaussian to a distant one of equal width on an icosphere."""
     mesh = sphere(subdivision)
     source, target = (
         function(mesh, f"gaussian:vertex={np.argmax(mesh.vertices @ place)},width={_WIDTH:g}")
@@ -35,7 +35,7 @@ def gaussians(subdivision: int) -> Problem:
 
 
 def run(log: Log, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
-    """Measure the default solver on each mesh."""
+    """Measure the time and the residuals of the default solver on each sphere."""
     watched_match(gaussians(4))  # compile kernels before the timed runs
     rows = []
     for subdivision in subdivisions:

@@ -43,7 +43,7 @@ def markdown(headings: Cells, rows: Iterable[Cells]) -> str:
 
 
 def decimals(value: float | None, form: str = ".3g", missing: str = "none") -> str:
-    """Return a number in the given format, or a word if it is None, infinite or NaN."""
+    """Return a number as text, or the text ``missing`` if it is None, infinite or NaN."""
     return missing if value is None or not abs(value) < float("inf") else f"{value:{form}}"
 
 
@@ -58,9 +58,11 @@ def main(
     Parameters
     ----------
     tables : function
-        Returns the tables by name from the options; only the rows of requested tables are computed.
+        Function that takes the parsed options and returns all tables of the benchmark by name. The
+        rows of a table are computed only if the options request it.
     required, **options : str
-        Names of the paths that the benchmark needs or takes, and their help.
+        Options whose values are paths: the name of each option, and its help text. The options in
+        ``required`` have to be given, the other ones are optional.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -89,7 +91,7 @@ def _reported(rows: Iterable[Cells]) -> Iterator[Cells]:
 
 
 def put_between(page: Path, name: str, text: str) -> None:
-    """Replace the table ``name`` of a page, which is between two comments."""
+    """Replace the table ``name`` of a Markdown page, between the comments at its start and end."""
     before, start, rest = page.read_text(encoding="utf-8").partition(f"<!-- table: {name} -->")
     _, end, after = rest.partition(f"<!-- end: {name} -->")
     if not end:
@@ -98,7 +100,7 @@ def put_between(page: Path, name: str, text: str) -> None:
 
 
 def bench(*words: str) -> None:
-    """Run a mode of `abfm bench` with the options of this process."""
+    """Run ``abfm bench`` with the given words, followed by the options of this process."""
     sys.argv[1:1] = ["bench", *words]
     run_module("abfm_viewer.cli", run_name="__main__")
 
@@ -106,9 +108,9 @@ def bench(*words: str) -> None:
 def mapped(
     function: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int | None
 ) -> Iterator[Result]:
-    """Yield the results of a module-level function for each argument, in order.
+    """Apply a module-level function to each argument, and yield the results in the same order.
 
-    Results are computed by ``jobs`` processes of one thread each, by default one per core.
+    The function runs in ``jobs`` processes of one thread each, by default one process per core.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(arguments))
     if jobs <= 1:

@@ -58,7 +58,7 @@ _STEPS_SHOWN = 5
 
 @dataclass(frozen=True, eq=False)
 class Hemisphere:
-    """A sphere, its surface, and maps on their vertices."""
+    """A hemisphere of the cortex: its sphere, its surface, and functions on their vertices."""
 
     sphere: TriangleMesh
     surface: TriangleMesh
@@ -103,7 +103,7 @@ def label_names(path: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Measures of maps from A to a template B, on the cortex of B."""
+    """Measures of maps from a subject A to a template B, on the cortex of B."""
 
     a: Hemisphere
     b: Hemisphere
@@ -131,7 +131,7 @@ class Evaluation:
         ]
 
     def timed_row(self, name: str, find: Callable[[], Correspondence]) -> list[str]:
-        """Compute a map, and return its cells with the processor time."""
+        """Compute a map by ``find``, and return its row of the table with the processor time."""
         start = process_time()
         found = find()
         return self.row(name, found, process_time() - start)
@@ -156,14 +156,17 @@ class Evaluation:
 
 
 def through_sphere(registered: TriangleMesh, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-    """Return the map of the sphere of A, registered by another program, to the sphere B."""
+    """Return the map from the sphere A to the sphere B, by the registered sphere of A.
+
+    Another program has registered ``registered``, which has the vertices of A, to B.
+    """
     return Correspondence.through_sphere(a, b, sphere_directions(registered), sphere_directions(b))
 
 
 def subject_rows(
     subject: Hemisphere, template: Hemisphere, registered: TriangleMesh
 ) -> Iterator[Cells]:
-    """Yield rows of the subject on the template, on spheres and on the surfaces themselves."""
+    """Yield a row for each registration of the subject to the template, by spheres or surfaces."""
     cortex = template.cortex
     evaluation = Evaluation(subject, template, cortex)
     a, b, f, g = subject.sphere, template.sphere, subject.depth, template.depth
@@ -205,7 +208,7 @@ def subject_rows(
 
 
 def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
-    """Return masks of the cortex of a template by name."""
+    """Return masks of the cortex on a template by name, and None for a run without a mask."""
     found: dict[str, BoolArray | None] = {"mask thickness > 0": template.cortex}
     if template.labels:
         names = np.char.lower(np.array(template.labels))
@@ -214,7 +217,7 @@ def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
 
 
 def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield the scores of the last steps with each mask; the selected step is in bold."""
+    """Yield a row for each mask: the scores of the last steps, with the selected step in bold."""
     for name, mask in masks(template).items():
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
@@ -225,7 +228,7 @@ def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 
 
 def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield rows of the subject with other norms of fields."""
+    """Yield a row for each norm of fields with which the subject is registered to the template."""
     evaluation = Evaluation(subject, template, template.cortex)
     for changes in _NORMS:
         found = register(
@@ -244,7 +247,7 @@ def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 
 
 def side_rows(left: Hemisphere, right: Hemisphere) -> Iterator[Cells]:
-    """Yield rows of the mirrored right hemisphere on the left one."""
+    """Yield a row for each map from the mirrored right hemisphere to the left one."""
     evaluation = Evaluation(right, left, left.cortex)
     f, g = right.depth[None], left.depth[None]
     weights_a, weights_b = (side.cortex.astype(np.float64) for side in (right, left))

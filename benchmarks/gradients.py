@@ -29,12 +29,12 @@ PARAMETERS = Parameters.of(
     cooling_stages=1,
     tolerance=0.0,
 )
-"""Row "Fig. 3" of Table 1 with constant sigma; only the iteration limit ends a match."""
+"""Parameters of the paper's Fig. 3 with constant sigma; only the iteration limit ends a match."""
 SUBSTEPS = (1, 10, 40)
 SUBDIVISION = 5
-"""Subdivision of the icosphere of the table."""
+"""Number of subdivisions of the icosphere on which the gradients are compared."""
 ITERATIONS = 300
-"""Iterations to the field at which gradients are compared."""
+"""Numbers of iterations of a match, after which the gradients at its field are compared."""
 
 _SOURCE_WIDTH = 0.12  # standard deviation as a fraction of sqrt(area)
 _TARGET_WIDTH = 0.06
@@ -48,7 +48,7 @@ _COLUMNS = {
 
 
 def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Problem:
-    """Return Fig. 3 on a new icosphere: one wide Gaussian splits into two narrow ones."""
+    """Return the problem of Fig. 3 on an icosphere: match a wide Gaussian to two narrow ones."""
     mesh = sphere(subdivision)
 
     def gaussian(angle: float, width: float) -> FloatArray:
@@ -61,17 +61,20 @@ def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Pro
 
 
 def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
-    """Compare the gradients at a field (F, 3) in the mesh's units, for each of `SUBSTEPS`.
+    """Compare the bracket and the exact gradient at a field (F, 3), for each of `SUBSTEPS`.
 
     Returns
     -------
     A dictionary for each number of substeps:
 
-    - ``cosine`` is between both gradients of the mismatch; the gradient of the regularity is
-      the same
-    - ``length`` is the length of the bracket gradient of the mismatch over that of the exact one
-    - ``complete_cosine`` is between the gradients of the complete energy
-    - ``completed_cosine`` is ``cosine`` with the factor ``exp(-dtau D_v)`` that the paper omits
+    - ``cosine`` is the cosine of the angle between the bracket and the exact gradient of the
+      mismatch; the gradient of the regularity is the same
+    - ``length`` is the norm of the bracket gradient of the mismatch, divided by that of the exact
+      one
+    - ``complete_cosine`` is the cosine of the angle between the two gradients of the complete
+      energy
+    - ``completed_cosine`` is ``cosine`` if the bracket gradient includes ``exp(-dtau D_v)``, a
+      factor that the paper omits
     """
     exact_energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)

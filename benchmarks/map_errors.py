@@ -26,20 +26,20 @@ from benchmarks.trials import MeasuredProblem, Trials, measured
 SIGMAS = (6.0, 2.0, 1.0, 0.5, 0.25, 0.1)
 """Values of sigma; the best of them is compared with the default."""
 SMOOTHNESSES = (0.03, 0.01)
-"""Smoothness of true flows: alpha of the norm in which they are random."""
+"""Smoothness of the true flows: values of alpha in the norm that defines their distribution."""
 SIZES = (0.05, 0.1)
-"""Size of true flows: root mean square of their speed for a time of 1, over sqrt(area)."""
+"""Size of the true flows, which last for a time of 1: root mean square speed over sqrt(area)."""
 LENGTHS = (0.03, 0.05)
-"""Correlation lengths of textures, over sqrt(area)."""
+"""Correlation lengths of the textures, divided by sqrt(area)."""
 NOISE = 0.2
-"""Standard deviation of the target's noise over that of the texture."""
+"""Standard deviation of the target's noise, divided by that of the texture."""
 RATIO_NEAR = 1.1
-"""Largest ratio of the default error to the best error that counts as close."""
+"""Defaults count as close to the best sigma up to this ratio of their map errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A texture, and the flow and the noise between it and its target."""
+    """A random problem: a texture, and the flow and noise that make the target from it."""
 
     mesh_name: str
     mesh: TriangleMesh
@@ -70,7 +70,7 @@ class Trial:
         return Flow(self.mesh, to_ambient(mesh, v) * self.mesh.length_scale, 1.0)
 
     def noise(self) -> FloatArray:
-        """Return the noise of the target, (V,)."""
+        """Return the noise that is added to the target, shape (V,)."""
         rng = np.random.default_rng([*self.seed, 2])
         return NOISE * rng.normal(size=len(self.mesh.vertices))
 
@@ -78,27 +78,31 @@ class Trial:
 def map_problems(meshes: Mapping[str, TriangleMesh], seed: int = 0, count: int = 6) -> list[Trial]:
     """Return ``count`` problems of each mesh: first problem 0 of all meshes, then problem 1, ...
 
-    Kinds alternate; problem k of a mesh depends only on the seed, the mesh and its name.
+    Combinations of size, length and smoothness alternate. Problem k of a mesh depends only on the
+    seed, the mesh and its name.
     """
     kinds = list(product(SIZES, LENGTHS, SMOOTHNESSES))
     found = []
     for index, (name, mesh) in product(range(count), meshes.items()):
         key = crc32(name.encode())
-        # an odd step visits all kinds, and both values of each property early
+        # a step of 3 visits all combinations, and both values of each property in early problems
         size, length, smoothness = kinds[(3 * index + key) % len(kinds)]
         found.append(Trial(name, mesh, smoothness, length, size, (seed, key, index)))
     return found
 
 
 def map_distance(first: PointMap, second: PointMap) -> float:
-    """Return the mean distance, by area, between the images of the vertices, over sqrt(area)."""
+    """Return the area-weighted mean distance between the images of a vertex under two maps.
+
+    The distance is divided by the square root of the surface area.
+    """
     mesh = first.domain
     distances = np.linalg.norm(first.positions - second.positions, axis=1)
     return float(np.average(distances, weights=vertex_areas(mesh)) / mesh.length_scale)
 
 
 def _measured_problem(trial: Trial, folder: Path) -> MeasuredProblem:
-    """Return the matches of a trial, with defaults and with each of `SIGMAS`."""
+    """Return the matches of a problem: one with default parameters, one for each of `SIGMAS`."""
     flow, f = trial.flow(), trial.texture()
     truth = flow.point_map()
     g = truth.pull_back(f) + trial.noise()
@@ -143,17 +147,18 @@ def _result(entry: LedgerEntry, truth: PointMap) -> Report:
 
 
 def best(row: Report) -> tuple[str, float] | None:
-    """Return the sigma with the smallest error, as text, and that error; None without any."""
+    """Return the sigma with the smallest map error, as text, and this error; None if all failed."""
     errors = {sigma: found["error"] for sigma, found in row["fixed"].items()}
     known = {sigma: error for sigma, error in errors.items() if error is not None}
     return min(known.items(), key=lambda each: each[1]) if known else None
 
 
 def run(trials: Trials) -> Report:
-    """Match all problems.
+    """Match all problems with the default sigma and with each of `SIGMAS`.
 
-    The report has ``rows``, ``interrupted``, ``settings`` and ``machine``; each row has the
-    ``problem``, the result by ``defaults``, and those with each ``fixed`` sigma.
+    The report has ``rows``, ``interrupted``, ``settings`` and ``machine``. Each row has the
+    ``problem``, the result with default parameters (``defaults``), and the results by sigma
+    (``fixed``).
     """
 
     def create(folder: Path) -> Iterator[MeasuredProblem]:

@@ -16,10 +16,12 @@ _BUMPS = 9
 
 
 def given_meshes(paths: Sequence[Path], log: Log) -> dict[str, TriangleMesh]:
-    """Read files by name, and all meshes of folders by ``folder/name``, sorted by name.
+    """Read the given files, and all meshes of the given folders; return the meshes by name.
 
-    A refused mesh is read with the options that its error suggests. Files that cannot be used are
-    skipped. `log` prints these and all repairs.
+    The name of a mesh is the name of its file; in a folder, it is ``folder/name``.
+
+    If a mesh is refused, it is read again with the options that the error suggests. Files that
+    cannot be used are skipped. `log` prints the skipped files and all repairs.
 
     Raises
     ------
@@ -84,7 +86,7 @@ def three_meshes() -> dict[str, TriangleMesh]:
 
 
 def _square(n: int) -> TriangleMesh:
-    """Return a unit square of n x n smoothly uneven cells: a surface with a boundary."""
+    """Return a unit square, which has a boundary, with n x n cells of smoothly varying size."""
     x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
     x, y = (
         x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),

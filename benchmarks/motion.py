@@ -1,4 +1,4 @@
-"""Sequences with known motion, and errors of fields compared with linear Horn-Schunck."""
+"""Sequences with known motion, and errors of the fields of `abfm.sequence` and Horn-Schunck."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.types import BoolArray, FloatArray
 
 SMOOTHNESSES = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-"""Smoothness values of Horn-Schunck; the tables have the best one for the known motion."""
+"""Smoothness weights of Horn-Schunck; the tables show the one closest to the known motion."""
 
 
 def error_headings(*methods: str) -> list[str]:
-    """Return the headings of the cells of `error_cells`."""
+    """Return a heading for each cell of `error_cells`: angle, then speed, of each method."""
     return [f"{error}: {method}" for error in ("angle", "speed") for method in methods]
 
 
 HEADINGS = ("noise", "edges", *error_headings("Horn-Schunck", "frame by frame", "together"))
-"""Headings of the cells of `known_cells` after the kind."""
+"""Headings of the cells of `known_cells`, except that of the first cell, the kind of motion."""
 
-_GAMMAS = (0.0, 1.0)  # interval by interval, and coupled in time
-_SLOPE_MIN = 0.5  # errors are measured on faces of larger slope, relative to its root mean square
+_GAMMAS = (0.0, 1.0)  # coupling in time; 0 solves each interval separately
+# Errors are measured only on faces that exceed these ratios to the root mean square.
+_SLOPE_MIN = 0.5
 _SPEED_MIN = 0.2
 
 Errors = tuple[float, float]
-"""The median angle in degrees, and the median relative error of the speed."""
+"""Median angle to the known field in degrees, and median relative error of the speed."""
 
 
 def edge_length(mesh: TriangleMesh) -> float:
@@ -51,7 +52,7 @@ def root_mean_square(mesh: TriangleMesh, vectors: FloatArray) -> float:
 
 
 def angles(found: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the angles (F,) between vectors (F, 3), in degrees."""
+    """Return the angles (F,), in degrees, between ``found`` and ``wanted``, both (F, 3)."""
     sizes = np.linalg.norm(found, axis=1) * np.linalg.norm(wanted, axis=1)
     cosines = np.einsum("fx,fx->f", found, wanted) / np.maximum(sizes, 1e-300)
     return np.asarray(np.degrees(np.arccos(np.clip(cosines, -1, 1))))
@@ -59,14 +60,14 @@ def angles(found: FloatArray, wanted: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class KnownMotion:
-    """Frames (T, V) without noise, and the field (F, 3) per frame that moves each to the next."""
+    """Frames (T, V) without noise, and the field (F, 3) that moves each frame to the next."""
 
     mesh: TriangleMesh
     frames: FloatArray
     field: FloatArray
 
     def noisy(self, noise: float, seed: int = 0) -> FloatArray:
-        """Return the frames with noise, whose standard deviation is relative to theirs."""
+        """Add noise to the frames, with ``noise`` times their standard deviation."""
         scatter = np.random.default_rng(seed).standard_normal(self.frames.shape)
         return np.asarray(self.frames + noise * self.frames.std() * scatter)
 
@@ -76,13 +77,13 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return the faces (F,) where the function is not flat and the field is not slow."""
+        """Return a mask (F,) of faces where neither the frame is flat nor the field slow."""
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)
 
     def errors(self, frame: int, found: FloatArray) -> Errors:
-        """Return the errors of a field (F, 3) between a frame and the next."""
+        """Return the errors of a computed field (F, 3), which moves a frame to the next."""
         faces = self.is_determined(frame)
         a, b = found[faces], self.field[faces]
         sizes, wanted = (np.linalg.norm(v, axis=1) for v in (a, b))
@@ -90,17 +91,17 @@ class KnownMotion:
 
 
 def sequences(mesh: TriangleMesh, frames: FloatArray) -> list[abfm.Sequence]:
-    """Solve frames (T, V) interval by interval, and coupled in time."""
+    """Return two solutions for frames (T, V): with separate intervals, and coupled in time."""
     return [abfm.sequence(mesh, frames, gamma=gamma) for gamma in _GAMMAS]
 
 
 def compared(
     found: Sequence[abfm.Sequence], errors: Callable[[int, FloatArray], Errors]
 ) -> FloatArray:
-    """Return errors (1 + S, 2) of Horn-Schunck and of S sequences of the same frames.
+    """Return the errors (1 + S, 2) of Horn-Schunck and of S sequences for the same frames.
 
-    Errors are means over the intervals. Horn-Schunck has the smoothness for which the product of
-    both errors is smallest.
+    Errors of the angle and of the speed are means over the intervals. Horn-Schunck has the
+    smoothness for which the product of both errors is smallest.
     """
     mesh, frames, intervals = found[0].mesh, found[0].frames[:, :, 0], range(len(found[0]))
     linear = [
@@ -115,10 +116,10 @@ def compared(
 
 
 def error_cells(errors: FloatArray) -> list[str]:
-    """Return errors (M, 2) as cells: angles, then speeds.
+    """Format the errors (M, 2) of M methods as cells of a table: all angles, then all speeds.
 
-    The error of the baseline, the first one, is bold if it is smaller than that of the defaults,
-    the last one.
+    The first method is Horn-Schunck, and the last one has the default parameters. An error of
+    Horn-Schunck is bold if it is smaller than that of the last method.
     """
     found = []
     for form, column in (("{:.1f}°", errors[:, 0]), ("{:.1f}%", 100 * errors[:, 1])):
@@ -128,5 +129,5 @@ def error_cells(errors: FloatArray) -> list[str]:
 
 
 def known_cells(kind: str, noise: float, displacement: float, errors: FloatArray) -> list[str]:
-    """Return a row of a table of errors: kind, noise, displacement in edges, and errors."""
+    """Return a row: kind of motion, noise, displacement in mean edge lengths, and errors."""
     return [kind, f"{100 * noise:g}%", f"{displacement:g}", *error_cells(errors)]

@@ -22,9 +22,11 @@ from abfm.types import FloatArray
 
 MEMORY = 100
 """Number of pairs that L-BFGS stores, the default of minFunc."""
-# a hundred times that of good fields; larger norms occur in line searches and take minutes
+# A hundred times the 1-norm of exponents of good fields. In line searches, larger norms occur,
+# whose exponentials take minutes.
 _EXPONENT_NORM_MAX = 1e4
-# relative to the first energy; L-BFGS-B stops at infinity instead of shortening its step
+# Limit of the energy, relative to the first one. At infinity, L-BFGS-B stops instead of shortening
+# its step.
 _ENERGY_RATIO_MAX = 1e3
 
 
@@ -117,7 +119,7 @@ class PaperDescent:
     energy : float
         Its energy on the mesh scaled to unit area.
     history : (rows, 2) array
-        Seconds since the start and the lowest energy so far, each time that it fell.
+        A row for each evaluation that lowered the energy: seconds since the start, and the energy.
     """
 
     velocity: FloatArray
@@ -134,7 +136,7 @@ class _OutOfTimeError(Exception):
 def minimise(
     mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, parameters: Parameters, seconds: float = 60.0
 ) -> PaperDescent:
-    """Run the algorithm of the paper from ``v = 0`` until it stops, or until the time limit.
+    """Run the algorithm of the paper from ``v = 0`` until it stops or ``seconds`` have passed.
 
     The time includes the setup. An evaluation that runs at the time limit still counts.
 

@@ -20,7 +20,7 @@ from benchmarks.paper_algorithm import PaperDescent, minimise
 from benchmarks.watched import MISMATCH, watched_match
 
 MULTIGRID = PARAMETERS.with_values(iterations=10**9, levels=3, reach=1.0)
-"""Parameters of the paper's energy with multigrid levels and a long-range mismatch norm on them.
+"""Parameters of the paper's energy, solved on multigrid levels with a long-range mismatch norm.
 
 Only iterates on the mesh itself are compared, because only their energy is that of the paper.
 """
@@ -31,25 +31,26 @@ SIGMAS = {"default_cooling": "default cooling", "constant_sigma": "constant sigm
 
 @dataclass(frozen=True)
 class Settings:
-    """Extent of the benchmark; medians of repeated runs are reported."""
+    """Mesh sizes, time limits and repetitions; the report has medians of repeated runs."""
 
-    seconds: float = 60.0  # of each baseline
-    subdivision: int = 5  # of the icosphere of the race and of the cosines
+    seconds: float = 60.0  # time limit of each baseline
+    subdivision: int = 5  # of the icosphere on which solver, baselines and gradients are compared
     subdivisions: Sequence[int] = (4, 5, 6)  # for iterations and costs by mesh size, coarse to fine
     iterations: int = (
         100  # at constant sigma on each mesh, before the gradient is timed; 20 or more
     )
-    cosine_iterations: int = 300  # before gradients are compared
-    repeats: int = 3  # of the solver in the race
-    timings: int = 15  # of the gradient
+    cosine_iterations: int = 300  # of the match whose field is used to compare the gradients
+    repeats: int = 3  # runs of the solver on this icosphere
+    timings: int = 15  # repeated evaluations of the gradient
 
 
 def run(log: Log, settings: Settings) -> Report:
     """Compare the solver with both baselines, which takes about four minutes.
 
-    The report has ``ratios``, the numbers behind them, ``settings`` and ``machine``. A number is
-    None if its level was not reached. All numbers are the same in every run, except times and
-    numbers that depend on the progress of a baseline within its time.
+    The report has ``ratios``, the numbers behind them, ``settings`` and ``machine``. A time or
+    count is None if the energy or mismatch to which it refers was not reached. All numbers are the
+    same in every run, except times and numbers that depend on the progress of a baseline within its
+    time.
     """
     report: Report = {"ratios": {}}
     _add_race(report, settings, log)
@@ -188,7 +189,7 @@ def _rows(report: Report) -> list[tuple[str, str]]:
                 f"{name}, {limit}: lowest energy (found after)",
                 f"{_number(lowest[key])} ({after} s)",
             ),
-            ("solver below that after", f"{_number(seconds[f'solver_below_{key}'])} s"),
+            ("solver below that energy after", f"{_number(seconds[f'solver_below_{key}'])} s"),
             *more,
             (f"time at which {short} found it / solver's time", _number(ratio)),
         ]

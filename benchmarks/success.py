@@ -26,7 +26,7 @@ from benchmarks.trials import MeasuredProblem, Trials, measured
 GOAL = Parameters.goal
 """Largest residual of a success, by the discrete flow and along flow lines."""
 RESIDUAL_CONFIRMED = 0.1
-"""Residual along flow lines that counts as confirmed."""
+"""Largest residual along flow lines of a match that counts as confirmed."""
 FOLDED_MAX = 0.01
 """Largest share of folded faces of a match that counts as unfolded."""
 
@@ -60,20 +60,20 @@ GROUPS = (
     ("folder", "solvable", "family"),
     ("folder", "solvable", "family", "distance"),
 )
-"""Properties of problems; the report has a row for each combination of their values."""
+"""Groups of the report: it has a row for each combination of the values of these properties."""
 
 _FAMILY_SEQUENCE: tuple[Family, ...] = (
     *("gaussian", "one to two", "disc", "gaussian", "eigenfunction"),
     *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
 )
 _EIGENFUNCTION_MAX = 8
-_TARGET_DISTANCES = (0.5, 1.0)  # between two targets, as fractions of the largest possible one
+_TARGET_DISTANCES = (0.5, 1.0)  # between the two targets, relative to the largest
 _MIRROR_DISTANCE_MIN = 0.2  # of a landmark from its image, as a fraction of sqrt(area)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A source and a target on a mesh as text; some families have no width or distance."""
+    """A mesh, and a source and a target as text; some families have no width or distance."""
 
     mesh_name: str
     index: int
@@ -85,13 +85,16 @@ class Trial:
     distance: str | None = None
 
     def functions(self) -> tuple[FloatArray, FloatArray]:
-        """Return source and target, (V,)."""
+        """Return the source and the target, each of shape (V,)."""
         return function(self.mesh, self.source), function(self.mesh, self.target)
 
     def to_dict(self) -> Report:
-        """Return its identity, whether the mesh resolves it, and whether it may be solvable.
+        """Return the description of the problem as a dictionary, for the report.
 
-        A problem counts as solvable unless its functions alone show that it is not.
+        It includes whether the mesh resolves the functions, and whether the problem is solvable.
+
+        A problem counts as solvable unless the values and peaks of its functions show that it is
+        not.
         """
         f, g = self.functions()
         edges = resolution(self.mesh, np.stack([f, g], axis=1))
@@ -160,7 +163,10 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two vertices at a distance from it and from each other."""
+    """Return a random vertex, and two others that are distant from it and from each other.
+
+    Distances from the first vertex are in the range ``distance``, relative to the largest one.
+    """
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -172,9 +178,9 @@ def _places(
 
 
 def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float, float]) -> int:
-    """Return a vertex whose distance is in a range of fractions of the largest distance.
+    """Return a random vertex whose distance is in a range, relative to the largest distance.
 
-    Without such a vertex it is the one closest to the middle of the range.
+    If there is no such vertex, return the one whose distance is closest to the middle of the range.
     """
     fractions = distances / (distances.max() or 1.0)
     low, high = within
@@ -185,7 +191,7 @@ def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float
 
 
 def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
-    """Return a vertex of the file that is far from its mirror image; None without a symmetry."""
+    """Return the number in the file of a vertex far from its mirror image, or None."""
     try:
         mirror = detect_symmetry(mesh, "mirror")
     except SymmetryError:
@@ -197,13 +203,14 @@ def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
 
 
 def record_of(entry: LedgerEntry) -> Report:
-    """Return the measurements of a matched row, which is verified again.
+    """Verify a matched row again, and return its measurements.
 
-    - ``residual``, ``verified``: by the discrete flow and along flow lines; None if unknown
+    - ``residual``, ``verified``: the residuals by the discrete flow and along flow lines; None if
+      unknown
     - ``folded``: the share of folded faces
     - ``row_products``: products of rows of ``D_v`` in all advections and adjoints
-    - ``seconds``: of the match on a new mesh and of writing the result
-    - ``refined``, ``stop_reason``, ``verdict``: as of `abfm.Match`, or the error
+    - ``seconds``: the time of the match on a new mesh and of writing the result
+    - ``refined``, ``stop_reason``, ``verdict``: as in `abfm.Match`, or the message of an error
     - ``success``: both residuals are at most `GOAL`
     - ``confirmed``: ``verified`` is at most `RESIDUAL_CONFIRMED`
     """
@@ -247,7 +254,7 @@ def _or_inf(value: float | None) -> float:
 
 
 def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Report:
-    """Match random problems with the default or other parameters.
+    """Match random problems with the default or given parameters, and verify the results.
 
     The report has ``rows``, each with the ``problem`` and its ``result``, ``interrupted``,
     ``settings`` and ``machine``.
@@ -286,7 +293,10 @@ def _count(key: str) -> Callable[[list[Report]], str]:
 
 
 def _median(key: str) -> Callable[[list[Report]], str]:
-    """Return a function for the median as text, where missing numbers are infinite."""
+    """Return a function that takes results and returns the median of ``key`` as text.
+
+    Missing numbers count as infinite.
+    """
 
     def cell(results: list[Report]) -> str:
         values = [_or_inf(result[key]) for result in results]
@@ -333,7 +343,10 @@ def report_text(report: Report) -> str:
 
 
 def _groups(rows: list[Report]) -> dict[str, list[Report]]:
-    """Return rows by the values of each of `GROUPS`, without false and empty values."""
+    """Group the rows by the values of the properties in `GROUPS`.
+
+    Rows with a false or empty value of a property are in no group of this property.
+    """
     groups = {"all": rows}
     for keys in GROUPS:
         for row in rows:

@@ -24,12 +24,12 @@ from benchmarks.common import Table, main, mapped
 from benchmarks.motion import KnownMotion, compared, edge_length, error_cells, error_headings
 
 WAVELENGTHS = {"smooth": 20.0, "rough": 9.0}
-"""Wavelengths of textures, in mean edges."""
+"""Wavelengths of the textures, in mean edge lengths."""
 MOTIONS = ("rotation", "waves")
 NOISES = (0.0, 0.05, 0.1)
 """Standard deviation of the noise, relative to that of the frames."""
 DISPLACEMENTS = (0.25, 0.5, 1.0, 2.5, 4.0)
-"""Root mean square of the displacement, in mean edges."""
+"""Root mean square of the displacement between the two frames, in mean edge lengths."""
 SUBDIVISIONS = (3, 4, 5)
 """Subdivisions of the spheres of 642, 2,562 and 10,242 vertices in the table by size."""
 SUBDIVISION = 4
@@ -54,7 +54,7 @@ Velocity = Callable[[FloatArray], FloatArray]
 
 
 class PlaneWaves:
-    """A sum of random plane waves in space, of unit variance; points are (P, 3)."""
+    """A function on space: a sum of random plane waves, of unit variance."""
 
     def __init__(self, wavelength: float, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -68,7 +68,7 @@ class PlaneWaves:
         return np.asarray(self._scale * np.cos(points @ self._vectors.T + self._phases).sum(axis=1))
 
     def gradients(self, points: FloatArray) -> FloatArray:
-        """Return the gradients in space, (P, 3)."""
+        """Return the gradients of the function in space, (P, 3), at points (P, 3)."""
         return np.asarray(
             -self._scale * np.sin(points @ self._vectors.T + self._phases) @ self._vectors
         )
@@ -77,7 +77,7 @@ class PlaneWaves:
 def moving_texture(
     mesh: TriangleMesh, texture: str, motion: str, displacement: float
 ) -> KnownMotion:
-    """Return two frames of a texture on the unit sphere, and the field between them."""
+    """Return two frames of a texture on the unit sphere, and the field from one to the other."""
     edge = edge_length(mesh)
     velocity = _velocity(motion, edge)
     sizes = np.linalg.norm(velocity(mesh.vertices), axis=1)
@@ -92,7 +92,7 @@ def moving_texture(
 
 
 def _velocity(motion: str, edge: float) -> Velocity:
-    """Return a field at points of the sphere."""
+    """Return a function that takes points (P, 3) of the sphere and returns velocities (P, 3)."""
     waves = [PlaneWaves(_FIELD_WAVELENGTH * edge, seed) for seed in _FIELD_SEEDS]
 
     def rotation(points: FloatArray) -> FloatArray:
@@ -111,7 +111,7 @@ def _on_sphere(points: FloatArray) -> FloatArray:
 
 
 def _traced(velocity: Velocity, points: FloatArray, step: float) -> FloatArray:
-    """Return points of the unit sphere after a Runge-Kutta step of fourth order."""
+    """Move points of the unit sphere along a field by one fourth-order Runge-Kutta step."""
     first = velocity(points)
     second = velocity(_on_sphere(points + 0.5 * step * first))
     third = velocity(_on_sphere(points + 0.5 * step * second))
@@ -120,7 +120,7 @@ def _traced(velocity: Velocity, points: FloatArray, step: float) -> FloatArray:
 
 
 class Case(NamedTuple):
-    """A row of the tables: a texture, how it moves, and the size of the sphere."""
+    """Settings of a row of the tables: texture, motion, noise, and subdivisions of the sphere."""
 
     texture: str
     motion: str
@@ -129,7 +129,11 @@ class Case(NamedTuple):
     subdivision: int = SUBDIVISION
 
     def row(self) -> list[str]:
-        """Return errors of Horn-Schunck, of order 1 and of the chosen norm, and this norm."""
+        """Return the row of the table.
+
+        It has the errors of Horn-Schunck, of a norm of order 1 and of the norm that the defaults
+        choose. The last cell is the chosen norm: order, alpha and sigma.
+        """
         mesh = sphere(self.subdivision)
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)
         frames = moving.noisy(self.noise, _NOISE_SEED)

@@ -41,7 +41,7 @@ class Trials:
     control: Control = field(default_factory=Control)
 
     def report(self, rows: list[Report], **settings: Any) -> Report:
-        """Return the report of all rows, with the settings of the problems and the machine."""
+        """Return a report of the given rows, the settings of the problems, and the machine."""
         sizes = {name: len(mesh.vertices) for name, mesh in self.meshes.items()}
         return {
             "rows": rows,
@@ -53,7 +53,7 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredProblem:
-    """The matches of a problem by name, and the function that measures their results."""
+    """The matches of a problem by name, and a function that measures their results."""
 
     matches: Mapping[str, batch.Row]
     measure: Callable[[Mapping[str, LedgerEntry]], Report]
@@ -64,7 +64,7 @@ def measured(
     create: Callable[[Path], Iterator[MeasuredProblem]],
     line: Callable[[Report], str],
 ) -> list[Report]:
-    """Solve problems in a folder, and return the measurements of the finished ones, in order.
+    """Solve problems in the folder of ``trials``; return the measurements of the finished ones.
 
     A line is printed for each finished problem. No time limit ends a match, so that all numbers
     except seconds are the same in every run.
@@ -72,9 +72,9 @@ def measured(
     Parameters
     ----------
     create : function
-        Yields the problems, whose files are in a folder.
+        Function that takes a folder, writes the files of the problems there and yields them.
     line : function
-        Returns the line of a measurement.
+        Function that takes the measurement of a problem and returns the line to print.
     """
     with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
         trials.log("preparing problems")

@@ -12,7 +12,7 @@ from abfm.types import FloatArray
 from abfm.workers import Control
 
 MISMATCH = Parameters.goal
-"""Relative mismatch up to which iterations and seconds are counted."""
+"""Mismatch, relative to the norm of the target, until which iterations and seconds are counted."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class WatchedMatch:
     Attributes
     ----------
     history : (rows, 3) array
-        Seconds, energy and mismatch. Seconds start with the match, so that they include coarser
-        meshes and the setup of the problem.
+        Seconds, energy and mismatch of each iterate. Seconds since the start of the match include
+        coarser meshes and the setup of the problem.
     """
 
     match: Match

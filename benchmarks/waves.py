@@ -37,17 +37,18 @@ KINDS = ("travelling", "rotating", "source and sink")
 NOISES = (0.0, 0.1, 0.3)
 """Standard deviation of the noise, relative to that of the frames."""
 DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)
-"""Root mean square of the displacement between frames, in mean edges."""
+"""Root mean square of the displacement between consecutive frames, in mean edge lengths."""
 FRAMES = 6
 WAVELENGTH = 16.0
-"""Wavelength in mean edges, at the root mean square slope of the phase."""
+"""Wavelength in mean edge lengths, where the phase has its root mean square slope."""
 
-_FIELDS = {"travelling": 1, "rotating": 1, "source and sink": 4}  # eigenfunctions
+# number of the eigenfunction whose gradient is the field, and of the one that is the phase
+_FIELDS = {"travelling": 1, "rotating": 1, "source and sink": 4}
 _PHASES = {"travelling": 1, "rotating": 2, "source and sink": 4}
 
 
 def wave(mesh: TriangleMesh, kind: str, displacement: float) -> KnownMotion:
-    """Return a wave of a kind.
+    """Return the frames of a wave of the given kind, and the field that moves it.
 
     The field of a wave is the gradient of an eigenfunction, turned by 90 degrees for a rotating
     wave. The field is constant in time and advects the phase along its flow lines.
@@ -67,7 +68,7 @@ def wave(mesh: TriangleMesh, kind: str, displacement: float) -> KnownMotion:
 
 
 class Case(NamedTuple):
-    """A kind of wave, its displacement and its noise: a row of the table."""
+    """Settings of a row of the table: surface, kind of wave, displacement and noise."""
 
     surface: Path
     kind: str
@@ -75,7 +76,7 @@ class Case(NamedTuple):
     noise: float
 
     def errors(self) -> FloatArray:
-        """Return the errors (3, 2) of Horn-Schunck, without coupling in time, and with coupling."""
+        """Return the errors (3, 2) of Horn-Schunck, of separate and of coupled intervals."""
         moving = wave(_mesh(self.surface), self.kind, self.displacement)
         return compared(sequences(moving.mesh, moving.noisy(self.noise)), moving.errors)
 

@@ -1,4 +1,4 @@
-"""Cost of the window: its launch, its frames, and the solver with and without it.
+"""Cost of the window: launch time, frame times, and speed of the solver with and without it.
 
 Run it with ``python -m benchmarks.window`` and the options of ``abfm bench --viewer``.
 """
@@ -28,10 +28,10 @@ from abfm_viewer.window.window import Window
 from benchmarks.common import Log, Report, bench, markdown
 
 THROUGHPUT_MIN = 0.8
-"""Minimum of iterations per second with the window over those without it."""
+"""Smallest acceptable ratio of iterations per second with the window to those without it."""
 FRAME_SECONDS_MAX = 0.040
 LAUNCH_RATIO_MAX = 1.5
-"""Maximum of the launch time of the app over that of plain polyscope."""
+"""Largest acceptable ratio of the launch time of the app to that of plain polyscope."""
 
 _SIZE = (1280, 800)
 _POLYSCOPE_SCRIPT = """
@@ -66,7 +66,9 @@ def run(
     long: int = 300,
     repeats: int = 5,
 ) -> Report:
-    """Measure launch, throughput and frames; ratios are those of medians of alternating runs.
+    """Measure the launch time, the throughput of the solver, and the frame times.
+
+    A ratio compares the medians of two kinds of runs, which alternate.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def run(
 
 @contextmanager
 def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Iterator[Window]:
-    """Yield the window of the app, ready for the Match button."""
+    """Yield a window of the app that shows a problem, ready for a click on Match."""
     session = Session(mesh, "sphere")
     window = Window(session, backend, _SIZE)
     session.editor.set_parameter(**parameters.to_dict())
@@ -123,7 +125,7 @@ def _opened(mesh: TriangleMesh, backend: Backend, parameters: Parameters) -> Ite
 def _in_turns(
     repeats: int, runs: Mapping[str, Callable[[], float]]
 ) -> tuple[dict[str, list[float]], float]:
-    """Alternate runs; return their results, and the ratio of the first median to the second."""
+    """Alternate two kinds of runs; return their results and the ratio of their medians."""
     for run in runs.values():  # fill disk caches, compile and factor
         run()
     taken: dict[str, list[float]] = {name: [] for name in runs}
@@ -161,7 +163,7 @@ def _until_drawn(command: list[str]) -> float:
 
 
 def _throughput(window: Window, repeats: int) -> Report:
-    """Return iterations per second of the same match with the window and alone."""
+    """Return the iterations per second of a match with the window and of the same match alone."""
     session = window.session
     mesh, parameters = session.surface().mesh, session.parameters
     source, target = (
