@@ -73,7 +73,7 @@ class Functions:
         return self._latest.step if self.busy else None
 
     def without_process(self, keeps: Callable[[str], bool]) -> Functions:
-        """Return a copy without thread and process, with the last requested and the kept values."""
+        """Return a copy that has the stored values, but neither thread nor subprocess."""
         cached = self._cache.copy()  # without the lock: another thread may evaluate for long
         known = self.known | {spec: values for spec, values in cached.items() if keeps(spec)}
         others = Functions(self.mesh, known, self._at_once)
@@ -122,11 +122,11 @@ class Functions:
             return values
 
     def stop_requests(self) -> None:
-        """Accept no more requests; thread and process end when no evaluation uses them."""
+        """Accept no more requests; thread and subprocess end when no evaluation uses them."""
         self._latest.retire()
 
     def retire(self) -> None:
-        """Accept no more requests and end the process at once; a pending call raises an error."""
+        """Accept no more requests and end the subprocess; a pending call raises an error."""
         self.stop_requests()
         if self._worker:
             self._worker.close()

@@ -166,7 +166,7 @@ class Matching:
         return self._history.record(0.0, problem.parameters) if problem else None
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        """Make the coarser meshes in the process; a match begins after that."""
+        """Make the coarser meshes in the subprocess; a match begins after that."""
         self._run.process.call(prepare, mesh, parameters)
 
     def start(

@@ -100,7 +100,7 @@ RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 
 
 class Run(Generic[Result]):
-    """At most one run at a time: a thread that calls functions in a process."""
+    """At most one run at a time: a thread that calls functions in a subprocess."""
 
     def __init__(self, process: Process) -> None:
         self.process = process
@@ -149,7 +149,7 @@ class Run(Generic[Result]):
         recover: Callable[[], Result | None] = lambda: None,
         resumes: bool = False,
     ) -> None:
-        """Start ``work`` in a thread; it calls functions in the process by `call`.
+        """Start ``work`` in a thread; ``work`` calls functions in the subprocess by `call`.
 
         `collect` passes the result to ``then``; after an error it passes the result of ``recover``.
         ``resumes`` means that partial results of an earlier run exist.

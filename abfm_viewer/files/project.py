@@ -195,7 +195,7 @@ def _text(plain: Any) -> str:
     text = json.dumps(plain, indent=1)
     if len(text) > _JSON_BYTES_MAX:
         raise ValueError(
-            f"it has {len(text)} bytes without its arrays; expected at most {_JSON_BYTES_MAX}"
+            f"its settings and texts have {len(text)} bytes; expected at most {_JSON_BYTES_MAX}"
         )
     return text
 
@@ -387,7 +387,9 @@ def _check(document: Document) -> None:
 def _check_run(run: RunRecord, name: str) -> None:
     rows = len(run.stages)
     inside = all(0 <= row <= rows for row in run.restarts)
-    _require(inside, f"{name} has restarts outside its rows")
+    _require(
+        inside, f"{name} restarts at {list(run.restarts)}; expected 0 to {rows}, its iterations"
+    )
     for part in ("vertices", "reaches", "residuals", "sigmas", "shares"):
         count = len(getattr(run, part))
         _require(count in (0, rows), f"{name} has {count} {part}")

@@ -1,4 +1,4 @@
-"""The active Gaussian of a side, which the mouse and the panel change."""
+"""The Gaussian of the source or the target that the mouse and the panel change."""
 
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
@@ -21,7 +21,7 @@ def active_gaussian(session: Session, side: Side) -> int | None:
 
 
 def obstacle_to_move(session: Session, side: Side) -> str:
-    """Return why the Gaussian of a side cannot be moved; empty if it can."""
+    """Return why the Gaussian of the source or target cannot be moved; empty if it can."""
     if not session.document.has_sides:
         return _FRAMES
     if session.active is None:

@@ -85,7 +85,7 @@ class Bound:
 def _within(
     _: object, result: abfm.Match, initial: abfm.Correspondence | None, maximum: float
 ) -> _Found:
-    """Return the match of smallest residual for which initial map and flow keep the bound."""
+    """Return the match of smallest residual whose distortion is within the bound."""
     if initial is None:
         found = abfm.matching.limit_distortion(result, maximum)
         return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)

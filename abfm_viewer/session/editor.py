@@ -260,7 +260,7 @@ class Editor:
         self.set_view("choose what a click does", tool=tool)
 
     def place_landmark(self, side: Side, point: Point) -> None:
-        """Place a point of the first landmark without one on a side, or of a new landmark."""
+        """Place a point of the first landmark that has none on this side, or of a new landmark."""
         landmarks = [*self.document.landmarks]
         incomplete = (n for n, one in enumerate(landmarks) if one.point(side) is None)
         number = next(incomplete, len(landmarks))

@@ -170,7 +170,7 @@ class Tables:
         return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
 
     def attach_to(self, document: Document) -> None:
-        """Attach the table to a document that was made from one of its documents."""
+        """Show the table also with a new document that was made from the document of a row."""
         if self.table is not None and self.is_of_document:
             self._rows_of[document.identity] = self.table.place, None
 

@@ -183,7 +183,7 @@ class Session(Parts):
         self.saves.reset()
 
     def values(self, side: Side) -> FloatArray | None:
-        """Return the active function of a side on its surface, (V,); None if unknown.
+        """Return the active source or target on its surface, (V,); None if unknown.
 
         The functions of a sequence are the frames before and after the shown time.
         """

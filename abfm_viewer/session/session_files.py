@@ -332,7 +332,7 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
-        """Read something when nothing prevents it; if that fails, offer to try again."""
+        """Perform a load when nothing prevents it; if that fails, offer to try again."""
         remedies = {"Try again": partial(self._load, load)} | self._action(load.other)
         begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
         self.when_free(load.what, begin)

@@ -70,16 +70,17 @@ class FlowState:
         return self.flow.velocity
 
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return the origins at time 0 of the points at the vertices at times (T,), (T, V, 3).
+        """Return where the points that reach the vertices at ``times`` (T,) start at time 0.
 
-        Of ``places`` (V, 3), only the shape is used. The origins of two surfaces are on A.
+        The result (T, V, 3) lies on A if two surfaces are registered. Only the shape of ``places``
+        (V, 3) is used.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return the positions at times (T,) of points that start at the vertices, (T, V, 3)."""
+        """Return where points that start at the vertices are at ``times`` (T,): (T, V, 3)."""
         found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
         return np.array(found).reshape(len(times), *places.shape)
 

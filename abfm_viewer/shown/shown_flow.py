@@ -236,10 +236,10 @@ class ShownFlow(Jobs):
         return None if values is None else (fine.mesh, values)
 
     def coordinates(self) -> FloatArray | None:
-        """Return the origin of the point at each vertex at the shown time, (V, 3).
+        """Return where the point at each vertex at the shown time started at time 0, (V, 3).
 
-        Points are followed along flow lines. The origins of two surfaces are on A. They are None
-        before they are known.
+        Points are followed along flow lines. If two surfaces are registered, these starts are on
+        A. They are None before they are known.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -260,7 +260,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Origins of the vertices at time 0, (V, 3); for two surfaces on A."""
+        """Where the points that are now at the vertices started, (V, 3); of two surfaces on A."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices
