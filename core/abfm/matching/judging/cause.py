@@ -55,7 +55,7 @@ SENTENCES: dict[Cause, str] = {
         "the target is constant but the source is not, and a flow preserves all source values"
     ),
     Cause.VALUES_DIFFER: (
-        "{channel}the source has values from {source}, the target from {target}; no flow changes "
+        "{channel}the source has values from {source}, the target from {target}; a flow preserves "
         "values, so {consequence}"
     ),
     Cause.EXTREMA_DIFFER: (
@@ -64,9 +64,12 @@ SENTENCES: dict[Cause, str] = {
     Cause.LANDMARKS_NOT_REACHED: (
         "{missed} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
     ),
-    Cause.LIMIT_OF_DATA: "a closer match would fit noise, as held-out patches would not improve",
+    Cause.LIMIT_OF_DATA: (
+        "a closer match would fit noise, as it would not predict held-out patches better"
+    ),
     Cause.LITTLE_IMPROVEMENT: (
-        "the residual is not clearly below that without motion, so the functions are not registered"
+        "the residual is not clearly smaller than before the flow, so the functions are not "
+        "registered"
     ),
     Cause.NO_HELD_OUT_IMPROVEMENT: (
         "the residual of held-out patches does not fall, so the field fits noise"
@@ -78,7 +81,9 @@ SENTENCES: dict[Cause, str] = {
     Cause.CHECKS_DISAGREE: (
         "flow lines do not confirm the match, so the discrete flow is inaccurate here"
     ),
-    Cause.PARTLY_CONFIRMED: "flow lines confirm less of the match than the discrete flow",
+    Cause.PARTLY_CONFIRMED: (
+        "the residual along flow lines is larger than that of the discrete flow"
+    ),
     Cause.FOLDED: "{folded} of the faces are folded, which is impossible for an exact flow",
     Cause.SOURCE_SQUEEZED: "the flow squeezed the source {to_nothing}instead of moving it{why}",
     Cause.SOURCE_UNMOVED: (
@@ -94,7 +99,7 @@ SENTENCES: dict[Cause, str] = {
         "most of the change is not explained by motion, as the features span only {edges:.2g} edges"
     ),
     Cause.NOISE: "the frames contain only {noise} and determine no motion",
-    Cause.WITHIN_NOISE: "the residual is not larger than that of {noise}",
+    Cause.WITHIN_NOISE: "the residual is not larger than {noise} would cause",
     Cause.ONLY_DISCRETE_FLOW: (
         "flow lines do not explain most of the change, so the discrete flow is inaccurate here"
     ),

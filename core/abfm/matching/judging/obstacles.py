@@ -87,7 +87,7 @@ def extra_values(functions: FunctionTerm) -> Obstacle | None:
     if bound <= RESIDUAL_NEARLY:
         return None
     consequence = (
-        "a flow can only squeeze the other source values to small areas; the match from target "
+        "it can only squeeze the other source values to small areas; the match from target "
         f"to source has a residual of at least {share(bound)}"
     )
     channel = solvability.worst_channel(back)
