@@ -19,7 +19,7 @@ def rows_of(
 
 
 def matches_of(requested: Sequence[RequestedMatch], entries: Sequence[LedgerEntry]) -> list[Match]:
-    """Load the matches of rows, in the order of the requested matches.
+    """Load the stored results of a figure's matches, in the order of the requested matches.
 
     The numbers equal those of newly solved matches in every bit, except the fields of earlier steps
     of the path.
@@ -27,7 +27,7 @@ def matches_of(requested: Sequence[RequestedMatch], entries: Sequence[LedgerEntr
     Raises
     ------
     AbfmError
-        If there is no result; the message reports the cause.
+        If a match has no stored result; the message reports the cause.
     """
     found = []
     for each, entry in zip(requested, entries, strict=True):

@@ -1,4 +1,4 @@
-"""Given fields that are smooth on any mesh: advection by them, and their flow lines."""
+"""Smooth fields that exist on any mesh, their flow lines, and functions advected along them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,14 +31,18 @@ def sizes_text(levels: Sequence[Case]) -> str:
 
 
 def field_example(case: Case, name: str) -> Example:
-    """Return the example of a Gaussian at the maximum of a field's speed, advected for time 1."""
+    """Return an example: a Gaussian where the field of a case is fastest, advected until t = 1."""
     fastest = int(np.argmax(speed(case.mesh, case.v)))
     source = gaussian(case.mesh, fastest, 0.1)
     return advection_example(Flow(case.mesh, case.v), name, source, "file:advected.npy")
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
-    """Return a smooth divergence-free field (F, 3), tangent to the boundary, with an RMS speed."""
+    """Return a smooth divergence-free field (F, 3), tangent to the boundary.
+
+    It is the rotated gradient of a sum of eigenfunctions, whose numbers and weights are ``modes``.
+    Its root mean square is ``speed``, in sqrt(area) per unit of time.
+    """
     basis = calculus.unit_eigenbasis(mesh, max(modes) + 1)[1]
     field = gradient_field(
         mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True
@@ -55,9 +59,9 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
 
 
 def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
-    """Return the rotated gradient of an eigenfunction, (F, 3), tangent to the boundary.
+    """Return the rotated gradient of an eigenfunction, shape (F, 3), tangent to the boundary.
 
-    The field is scaled by `with_speed`.
+    Its root mean square is ``speed``, in sqrt(area) per unit of time.
     """
     if len(mesh.vertices) <= index:
         raise MeshError(
@@ -75,19 +79,19 @@ def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
 
 
 def gradient_field(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
-    """Return the gradient of a function (V,), (F, 3), rotated by 90 degrees if ``turned``."""
+    """Return the gradient (F, 3) of a function ``f`` (V,), rotated by 90 degrees if ``turned``."""
     operator = rotation(mesh) @ calculus.gradient(mesh) if turned else calculus.gradient(mesh)
     return calculus.to_ambient(mesh, (operator @ f).reshape(-1, 2))
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
-    """Scale a field (F, 3) to an RMS speed, in sqrt(area) per unit of time."""
+    """Scale a field (F, 3) to a root mean square speed, in sqrt(area) per unit of time."""
     areas = face_areas(mesh)
     return float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))) * field
 
 
 def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
-    """Return the tangential part of vectors at the face centres, (F, 3)."""
+    """Return the tangential parts, shape (F, 3), of one vector per face (F, 3)."""
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
@@ -96,7 +100,10 @@ def face_centres(mesh: TriangleMesh) -> FloatArray:
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus, distances of faces from its axis, and rotations (F, 3) of axis and tube."""
+    """Return a torus, the distances (F,) of its faces from the axis, and two fields (F, 3).
+
+    The first field rotates about the axis, and the second one around the tube.
+    """
     mesh = torus(n, n // 2)
     x, y, z = face_centres(mesh).T
     ring = np.hypot(x, z)
@@ -105,7 +112,7 @@ def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatAr
 
 
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Return the magnitude of a field (F, 3) at the vertices, (V,)."""
+    """Return the magnitude of a field (F, 3), averaged to the vertices, shape (V,)."""
     return np.asarray(calculus.averaging(mesh) @ np.linalg.norm(field, axis=1))
 
 
@@ -114,29 +121,32 @@ def speed_streaks(mesh: TriangleMesh, field: FloatArray) -> Streaks:
 
 
 def root_mean_square(mesh: TriangleMesh, values: FloatArray) -> float:
-    """Return the root mean square over the surface of values at faces, (F,) or (F, n)."""
+    """Return the root mean square over the surface of numbers (F,) or vectors (F, n) at faces."""
     squares = (values.reshape(len(values), -1) ** 2).sum(axis=1)
     return float(np.sqrt(np.average(squares, weights=face_areas(mesh))))
 
 
 def relative_norm(mesh: TriangleMesh, field: FloatArray, other: FloatArray) -> float:
-    """Return the L2 norm of a field (F, 3) relative to that of another field."""
+    """Return the L2 norm of a field (F, 3), divided by that of another field (F, 3)."""
     areas = face_areas(mesh)
     return float(np.sqrt(areas @ (field**2).sum(axis=1) / (areas @ (other**2).sum(axis=1))))
 
 
 def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L2 norm of ``f - g`` relative to that of ``g``, for functions (V,)."""
+    """Return the L2 norm of ``f - g``, divided by that of ``g``, for two functions (V,)."""
     return l2_norm(mesh, f - g) / l2_norm(mesh, g)
 
 
 def departure_points(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Follow flow lines from the vertices backwards to nonnegative times (T,): (T, V, 3)."""
+    """Follow flow lines backwards from all vertices, and return their points (T, V, 3).
+
+    ``times`` (T,) are the durations, not negative, after which the points are reached.
+    """
     starts = project_onto_surface(mesh, mesh.vertices)
     lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 
 
 def advected_values(mesh: TriangleMesh, places: FloatArray, f: FloatArray) -> FloatArray:
-    """Return the values (T, V) of ``f`` (V,) at points (T, V, 3), the advected function."""
+    """Return an advected function (T, V): values of ``f`` (V,) at departure points (T, V, 3)."""
     return np.array([project_onto_surface(mesh, points).pull_back(f) for points in places])

@@ -1,4 +1,4 @@
-"""Figures 1 and 3: one field moves a Gaussian to two Gaussians at distant places."""
+"""Figures 1 and 3: matches of a Gaussian to two Gaussians at distant places."""
 
 from collections.abc import Iterator
 
@@ -26,11 +26,11 @@ from abfm.types import FloatArray
 _TIMES = np.linspace(0, 1, 13)  # times relative to tau
 _SHOWN_TIMES = [2, 4, 6, 8, 10]  # indices into _TIMES
 _MISMATCH_MAX = 0.05
-_TARGET_WIDTH = 0.2  # relative to the distance from the source to the closer target
+_TARGET_WIDTH = 0.2  # relative to the distance between the source and the closer target
 
 
 def figure_1(setup: FigureSetup) -> Script:
-    """Match Gaussians at distant parts of a body, by default the hand and the feet of a human."""
+    """Match a Gaussian to two distant ones on a body, by default from a hand to the feet."""
     name, make = (
         "human_A.off after a Loop subdivision",
         lambda: scripts.loop_subdivided("human_A.off", 1),
@@ -43,7 +43,7 @@ def figure_1(setup: FigureSetup) -> Script:
 
 
 def figure_3(setup: FigureSetup) -> Script:
-    """Match Gaussians at distant parts, by default of a body with one thick and two thin arms."""
+    """Match a Gaussian to two distant ones, by default from a thick arm to two thin arms."""
     mesh, name, ends = setup.mesh, setup.name, None
     if mesh is None:
         (mesh, ends), name = three_arms(3 if setup.small else 5), "body with three arms"
@@ -54,7 +54,10 @@ def figure_3(setup: FigureSetup) -> Script:
 def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
-    """Match a Gaussian at the first of three vertices to Gaussians of equal mass at the others."""
+    """Match a Gaussian at the first of three vertices to two Gaussians at the other vertices.
+
+    The source has the same mass as the target, which is the sum of its two Gaussians.
+    """
     centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (
@@ -115,11 +118,11 @@ def match_one_to_two(
         mass /= mass.sum()
         return float(np.sqrt(mass @ (from_source - mass @ from_source) ** 2))
 
-    # displacement moves mass over the surface; a blend fades out and in
+    # While an advected bump moves, it stays high away from source and target. A blend only fades.
     shaded = np.maximum(f, g) < 0.5 * high
     heights = {method: h[:, shaded].max(initial=0.0) / high for method, h in methods.items()}
     spreads = {method: deviation(h[len(h) // 2]) / distance for method, h in methods.items()}
-    deviates = "(deviation of its distance from the source)"
+    deviates = "(standard deviation of its distance from the source)"
     for measure_name, numbers, sign in (
         ("largest value shown where source and target are below half", heights, -1),
         (f"spread of the mass at tau/2 {deviates}, relative to the distance", spreads, 1),
@@ -148,10 +151,10 @@ def match_one_to_two(
 
 
 def advected_by_stage(found: Match) -> Iterator[FloatArray]:
-    """Yield the source at tau, advected by the field at the end of each stage, (V,).
+    """Yield, for the field at the end of each stage of sigma, the source (V,) advected until tau.
 
-    Fields before the last are rounded as in files, so that stored and new matches give equal
-    numbers.
+    All fields except the last one are rounded as in result files, so that stored and new matches
+    give equal numbers.
     """
     for step in found.path[:-1]:
         field = as_stored(step.velocity, found.mesh)
@@ -160,7 +163,7 @@ def advected_by_stage(found: Match) -> Iterator[FloatArray]:
 
 
 def distant_vertices(mesh: TriangleMesh) -> tuple[int, ...]:
-    """Return three distant vertices by farthest point sampling; the two closest ones are last."""
+    """Return three distant vertices by farthest point sampling, with the closest pair last."""
     ends = [int(geodesic_distance(mesh, [0]).argmax())]
     distances = [geodesic_distance(mesh, ends)]
     for _ in range(2):

@@ -19,13 +19,13 @@ _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
 _RMS_DISPLACEMENT = 0.2  # displacement over the surface, in sqrt(area)
 _TIMES = np.arange(1, 9) / 8  # times relative to tau, which is 1
 _LINES = 24  # flow lines in the picture
-# criteria for "advects": the difference at tau, and the order under refinement
+# limits: difference between advected function and flow lines at tau, and order of convergence
 _DIFFERENCE_MAX = 0.05
 _ORDER_MIN = 1.0
 
 
 def figure_2(setup: FigureSetup) -> Script:
-    """Advect an eigenfunction and follow flow lines, on a mesh and on increasingly fine spheres."""
+    """Compare an advected function with flow lines, on a mesh and on increasingly fine spheres."""
     mesh, name = (
         setup.surface("eight.off, Loop subdivided", scripts.loop_subdivided, "eight.off", 1)
         if setup.small
@@ -45,7 +45,8 @@ def figure_2(setup: FigureSetup) -> Script:
     for level in (2, 3) if setup.small else (3, 4, 5):
         ball = sphere(level)
         x, y, z = ball.vertices.T
-        # the shear flow rotates about z with angular velocity 1 + z; departure points are exact
+        # The shear flow rotates about z with angular velocity 1 + z. Its departure points are
+        # known.
         shear = Flow(ball, fields.gradient_field(ball, -(z + z**2 / 2), turned=True))
         cosine, sine = np.cos(1 + z), np.sin(1 + z)
         departures = np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
@@ -82,7 +83,7 @@ def figure_2(setup: FigureSetup) -> Script:
             Measure(text, order, "tends to the flow under refinement", order >= _ORDER_MIN)
         )
 
-    x = mesh.vertices  # farthest point sampling of the starts of flow lines
+    x = mesh.vertices  # flow lines begin at vertices chosen by farthest point sampling
     chosen = [int(np.argmax(((x - x.mean(axis=0)) ** 2).sum(axis=1)))]
     nearest = np.full(len(x), np.inf)
     while len(chosen) < _LINES:
@@ -124,9 +125,11 @@ def figure_2(setup: FigureSetup) -> Script:
 
 
 def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
-    """Return the differences of a function, in relative L2, and of the map from flow lines, (T,).
+    """Compare a flow with exact flow lines: return two differences, each of shape (T,).
 
-    The difference of the map is in sqrt(area).
+    One is the relative L2 difference between ``f`` advected by the flow and ``f`` at the ends of
+    the flow lines. The other compares the images of the vertices under the flow's point map with
+    these ends. It is the root mean square distance in sqrt(area).
     """
     mesh = flow.mesh
     places = fields.departure_points(mesh, flow.velocity[0], times)

@@ -26,13 +26,13 @@ _TIMES = np.arange(21) / 20  # times relative to tau
 _SHOWN_TIMES = {
     4: ("0.2 tau", "0.2 τ"),
     -1: ("tau", "τ"),
-}  # name of the measure and label, by index into _TIMES
-_GROWTH = 1e6  # amplification of the fastest oscillation by linear steps until tau
+}  # time in names of measures, and in labels, by index into _TIMES
+_GROWTH = 1e6  # largest amplification of the fastest oscillation by linear steps until tau
 _STEPS_MAX = 10_000
-_REFINEMENT = 4  # ratio of the numbers of steps, for comparison
+_REFINEMENT = 4  # ratio of the numbers of steps of the two linear advections that are compared
 # maximum difference for "works well", and maximum overshoot and excess variation for "smooth"
 _DIFFERENCE_MAX = 0.05
-# height of a plot relative to its curves except the linear one, which may be unbounded
+# largest height of a plot, relative to the highest curve other than the linear one
 _HEIGHT_RATIO = 4.0
 _LINEAR_FLOW = "linear"
 _STEP_FLOW = "linear, one step"
@@ -41,19 +41,21 @@ _LINES = "flow lines"
 _FINER_NAME = f"linear, {_REFINEMENT} times the steps"
 _SMOOTH_CLAIM = ("smooth even for long times", True)
 _CLOSE_CLAIM = ("works well for short times", True)
-_CLAIMS = {  # on oscillations at tau (True) and earlier differences: claim, and whether small
+# Claims of the paper, and whether a small number supports them. Key True: overshoot and variation
+# at tau; key False: difference from flow lines at 0.2 tau.
+_CLAIMS = {
     True: {_LINEAR_FLOW: ("oscillates for longer times", False), _FLOW: _SMOOTH_CLAIM},
     False: {_LINEAR_FLOW: _CLOSE_CLAIM, _FLOW: _CLOSE_CLAIM},
 }
 
 
 def figure_4(setup: FigureSetup) -> Script:
-    """Advect by one linear step (Eq. 5), many steps, the exponential (Eq. 4) and flow lines."""
+    """Compare one linear step (Eq. 5), many steps, the exponential (Eq. 4) and flow lines."""
     mesh, name = setup.surface("five limbs", five_limbs, 800 if setup.small else 5000)
     velocity = fields.stream_field(mesh, _MODES, _RMS_DISPLACEMENT)
     derivative = directional_derivative(mesh, to_frame(mesh, velocity))
     frequency_max = frequency_bound(derivative)
-    # reduced on meshes with small triangles, which would need too many linear steps
+    # shorter on meshes with small triangles, which would otherwise need too many linear steps
     tau = min(1.0, math.sqrt(2 * math.log(_GROWTH) * _STEPS_MAX) / frequency_max)
     flow = Flow(mesh, velocity, tau)
     example = advection_example(flow, name, "eigenfunction:6", "file:advected.npy")
@@ -121,7 +123,7 @@ def figure_4(setup: FigureSetup) -> Script:
 
 
 def frequency_bound(derivative: Matrix) -> float:
-    """Return the highest frequency of ``exp(-t D_v)``, by power iteration."""
+    """Return the highest angular frequency of ``exp(-t D_v)``, by power iteration on ``D_v``."""
     f = np.random.default_rng(0).normal(size=derivative.shape[0])
     growth = 0.0
     for _ in range(100):
@@ -132,7 +134,10 @@ def frequency_bound(derivative: Matrix) -> float:
 
 
 def linear_steps(derivative: Matrix, f: FloatArray, step: float, steps_between: int) -> FloatArray:
-    """Repeat Eq. 5; return ``f`` and its values after every ``steps_between`` steps."""
+    """Advect ``f`` by steps of Eq. 5; return the values (T, V) at the times ``_TIMES``.
+
+    Consecutive times are ``steps_between`` steps apart.
+    """
     states = [f]
     for _ in _TIMES[1:]:
         for _ in range(steps_between):

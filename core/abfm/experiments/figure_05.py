@@ -15,19 +15,19 @@ from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
 _SPEED = 0.25  # root mean square of v, in sqrt(area) per unit of time
-_COMPARED_FIELDS = 8  # number of smooth fields whose brackets are compared
+_COMPARED_FIELDS = 8  # number of the smoothest fields whose brackets are compared with that of u
 
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """A case whose commuting field ``u`` may be known, with the roughness of ``u``."""
+    """A surface with a field ``v`` and, if known, the commuting field ``u`` and its roughness."""
 
     u: FloatArray | None = None
     roughness: float = np.nan
 
 
 def figure_5(setup: FigureSetup) -> Script:
-    """Find the smoothest fields that commute with rotations, or with a field of a given mesh."""
+    """Find the smoothest field that commutes with a rotation or, on a given mesh, another field."""
     if setup.mesh is None:
         surfaces, kind = (
             known_cases((1, 2) if setup.small else (1, 2, 4)),
@@ -49,7 +49,7 @@ def figure_5(setup: FigureSetup) -> Script:
         brackets = [relative_bracket(level.mesh, level.v, w) for level, w in found]
         others = commuting_fields(mesh, v, min(_COMPARED_FIELDS, len(mesh.faces)), weight=0)
         median_bracket = float(np.median([relative_bracket(mesh, v, w) for w in others]))
-        # distance of the points after v and u from those after u and v
+        # distance between the points after the flow of v, then u, and after that of u, then v
         x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)
         v_then_u, u_then_v = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
         exchanged = float(np.linalg.norm(v_then_u - u_then_v) / np.linalg.norm(v_then_u - x))
@@ -80,7 +80,8 @@ def figure_5(setup: FigureSetup) -> Script:
                 Measure(f"{name}: order of the error against the exact u", of_errors),
                 Measure(f"{name}: roughness of the exact u", case.roughness),
             ]
-        # no colours if u is known: the speed of u is only informative on a given mesh
+        # without colours for speed if u is known, because the speed is only informative on a given
+        # mesh
         paint = fields.speed_streaks if case.u is None else lambda mesh, field: Streaks(field)
         v_panel = Panel(mesh, paint(mesh, v), "v", "field")
         rows.append((v_panel, Panel(mesh, paint(mesh, u), "u", "result")))
@@ -94,7 +95,7 @@ def figure_5(setup: FigureSetup) -> Script:
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
-    """Return the relative L2 error of a field, which is determined only up to a factor."""
+    """Return the relative L2 error of a field ``u``, which is determined only up to a factor."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
@@ -140,9 +141,10 @@ def on_gourd(frequency: int) -> Case:
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:
-    """Solve for the first eigenfunction on the meridian by finite volumes.
+    """Compute the first eigenfunction that is constant on the circles, by finite volumes.
 
-    Return angles (count + 1,), slopes (count + 1,), and the eigenvalue times the area.
+    Return the angles (count + 1,) of points on the meridian, the slopes (count + 1,) of the
+    eigenfunction there, and the eigenvalue times the area.
     """
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)

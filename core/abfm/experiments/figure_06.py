@@ -17,7 +17,7 @@ from abfm.mesh.shapes import geodesic_sphere
 from abfm.types import FloatArray
 
 _ANGULAR_SPEED = np.pi  # radians per unit of time
-# speeds to try on any mesh: sqrt(area) per unit of time
+# speeds of v that are tried on a given mesh, in sqrt(area) per unit of time
 _SPEEDS = (1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)
 _STRETCH_MAX = 2.0  # largest factor by which the flow may change the norm of u
 _TIMES = (0.125, 0.25)  # times in the paper
@@ -27,7 +27,10 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """A case with a field ``u`` and, if known, the exact pushforward of ``u`` by time."""
+    """A surface with fields ``v`` and ``u``, and ``exact``, the pushforward of ``u`` if known.
+
+    ``exact`` is a function that takes a time and returns ``u`` pushed along ``v``, shape (F, 3).
+    """
 
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
@@ -74,7 +77,7 @@ def figure_6(setup: FigureSetup) -> Script:
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
-    """Compare with the exact pushforward on meshes of a surface, from coarse to fine."""
+    """Compare the pushforward with the exact one, on meshes of a surface from coarse to fine."""
     name, transports = levels[-1].name, "the pushforward transports u over the flow lines of v"
     coarse, fine = (
         [case.error(case.pushed(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]
@@ -94,7 +97,10 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
 
 
 def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measure]:
-    """Compare derivatives of advected functions along pushed fields with advected derivatives."""
+    """Compare derivatives of advected functions along the pushed field with advected derivatives.
+
+    For the exact pushforward, both are equal.
+    """
     mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
     measures = []
     for t, field in pushed.items():
@@ -128,7 +134,7 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 
 def on_sphere(frequency: int) -> Case:
-    """Return the rotation about the y axis and a field of two different vortices."""
+    """Return a sphere with its rotation about the y axis and a field of two different vortices."""
     mesh = geodesic_sphere(frequency)
     points = fields.face_centres(mesh)
 
@@ -147,7 +153,7 @@ def on_sphere(frequency: int) -> Case:
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return the rotation about the axis (an isometry), or around the tube (not an isometry)."""
+    """Return a torus with its rotation about the axis, an isometry, or around the tube, not one."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.face_centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
@@ -168,9 +174,10 @@ def on_torus(n: int, around_tube: bool) -> Case:
 
 
 def on_any(mesh: TriangleMesh, name: str) -> Case:
-    """Return two rotated gradients at the highest speed for which the pushforward is stable.
+    """Return a mesh with two rotated gradients of eigenfunctions as fields.
 
-    The pushforward of a field may be unstable on thin and folded faces.
+    The first has the highest speed for which the pushforward of the second is stable. The
+    pushforward may be unstable on thin and folded faces.
     """
     stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
     for speed in _SPEEDS:

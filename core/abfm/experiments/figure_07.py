@@ -21,16 +21,17 @@ from abfm.types import FloatArray
 
 _TIMES = (0.25, 0.5, 0.75)  # times relative to tau
 _MISMATCH_MAX = 0.1
-_CHANGE_MAX = 0.5  # largest change between steps of a smooth path, relative to the mean step
-_ENERGY_RATIO_MAX = 1.5  # Dirichlet energy on a smooth path over that of its ends
+_CHANGE_MAX = 0.5  # largest difference of two consecutive steps, relative to the mean step
+_ENERGY_RATIO_MAX = 1.5  # largest ratio of the Dirichlet energy of a path to that of its ends
 
 
 def figure_7(setup: FigureSetup) -> Script:
-    """Match eigenfunctions 7 and 8; the constant has number 0."""
+    """Match eigenfunction 7 to eigenfunction 8, where the constant has number 0."""
     mesh, name = setup.surface("five limbs", five_limbs, 800 if setup.small else 2500)
     f, g = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
     sign, target = "", "eigenfunction:8"
-    # The sign is arbitrary. A flow preserves the values of a function, so choose the closer sign.
+    # The sign of an eigenfunction is arbitrary. A flow preserves the values of the source, so use
+    # the target whose values have the more similar distribution.
     if spread_gap(mesh, f, -g) < 0.99 * spread_gap(mesh, f, g):
         sign, target, g = "−", "file:eigenfunction-8-negative.npy", -g
     p = TABLE_1[7].parameters(iterations=60 if setup.small else 120)
@@ -64,7 +65,7 @@ def figure_7(setup: FigureSetup) -> Script:
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """Measure the uniformity, straightness and Dirichlet energy of a path (N + 1, V)."""
+    """Measure how smooth a path of functions (N + 1, V) is: steps, length and Dirichlet energy."""
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()
@@ -83,7 +84,7 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
 
 
 def spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L1 distance of the distributions of two functions' values over the surface."""
+    """Return the L1 distance between the distributions of the values of two functions (V,)."""
     areas = vertex_areas(mesh)
     shares = (np.arange(1000) + 0.5) / 1000
     quantiles = []

@@ -11,14 +11,14 @@ from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
 _MODES = {2: 1.0, 5: 0.7}
-_RMS_DISPLACEMENT = 0.15  # displacement over the surface, in sqrt(area)
-_SLOPE_SHARE_MIN = 0.2  # minimum slope relative to the largest one
+_RMS_DISPLACEMENT = 0.15  # displacement of points until tau, in sqrt(area)
+_SLOPE_SHARE_MIN = 0.2  # smallest |grad f|, relative to its maximum, where fields are compared
 _ERROR_MAX = 0.02
 _DIFFERENCE_MAX = 0.1  # criterion for "very close to the original field"
 
 
 def figure_8(setup: FigureSetup) -> Script:
-    """Match an eigenfunction to its image under a smooth flow, and compare the fields."""
+    """Match a function to its image under a known flow; compare the matched and the known field."""
     eight = ("eight.off", 1 if setup.small else 2)
     mesh, name = setup.surface("eight.off, Loop subdivided", scripts.loop_subdivided, *eight)
     parameters = TABLE_1[8].parameters(iterations=100 if setup.small else 200)
@@ -92,7 +92,7 @@ def figure_8(setup: FigureSetup) -> Script:
 
 
 def derivative_rms(mesh: TriangleMesh, field: FloatArray, path: FloatArray) -> float:
-    """Return the root mean square of ``<v, grad f_t>`` over the surface and the path (T, V)."""
+    """Return the root mean square of ``<v, grad f_t>`` over the surface and the T functions f_t."""
     squares = [
         root_mean_square(mesh, (field * gradient_field(mesh, f)).sum(axis=1)) ** 2 for f in path
     ]

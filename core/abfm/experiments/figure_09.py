@@ -20,7 +20,7 @@ from abfm.mesh.shapes import stepped_slab, two_armed
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
 
-_MEASURED_TIMES = (1.0, 2.0)  # times of the measured maps, relative to tau
+_MEASURED_TIMES = (1.0, 2.0)  # times of the maps whose folds are measured, relative to tau
 _SHOWN_TIMES = {
     0.0: "t = 0",
     0.5: "t = 0.5 τ",
@@ -29,13 +29,15 @@ _SHOWN_TIMES = {
 }  # labels by time relative to tau
 _GAUSSIAN_WIDTH = 0.2
 _SAMPLE_VERTICES = 150
-# in sqrt(area): criteria for the statements of the paper
+# limits of map error and drift, in sqrt(area), up to which the statements of the paper hold
 _ERROR_MAX = 0.02
 _DRIFT_MAX = 0.05
 
 
 def figure_9(setup: FigureSetup) -> Script:
-    """Match coordinates to their rotation, also by one function and without cooling.
+    """Match the coordinates to their images under a rotation, also with variants.
+
+    The variants are one function instead of three coordinates, and no cooling of sigma.
 
     On the default mesh, a function is also matched to its mirror image.
     """
@@ -58,7 +60,8 @@ def figure_9(setup: FigureSetup) -> Script:
             RequestedMatch(without_cooling, "without cooling", 0.25),
         ]
     if setup.mesh is None:
-        # a function and its mirror image, and the mirror map, which no flow reaches
+        # matches of a function, and of coordinates, to their mirror images, which no flow can
+        # produce
         short = p.with_values(iterations=15) if setup.small else p
         human = scripts.bundled("human_A.off")
         mirror = SymmetryScene(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
@@ -111,7 +114,7 @@ def figure_9(setup: FigureSetup) -> Script:
 
 
 def figure_10(setup: FigureSetup) -> Script:
-    """Match the coordinates of a slab with a step to their rotation, or those of a given mesh."""
+    """Match the coordinates to their images under a rotation, on a stepped slab or a given mesh."""
     mesh, name = setup.surface("stepped slab", stepped_slab, 2 if setup.small else 6)
     iterations = 60 if setup.small else scripts.affordable_iterations(mesh, 300)
     scene = SymmetryScene(mesh, name, detect_rotation_or_mirror(mesh))
@@ -135,7 +138,10 @@ def figure_10(setup: FigureSetup) -> Script:
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
-    """Return the rotation by 180 degrees of a mesh or its mirror plane; MeshError without both."""
+    """Return the symmetry of a mesh: a rotation by 180 degrees, or else a mirror plane.
+
+    A mesh without both raises MeshError.
+    """
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:
@@ -143,7 +149,7 @@ def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
         except maps.SymmetryError as error:
             errors[kind] = error.error
             continue
-        # a rotation that reverses the orientation is a mirror map, which no flow reaches
+        # a rotation that reverses the orientation is a mirror map, which no flow can produce
         normals = averaging(mesh) @ face_normals(mesh)
         aligned = (normals @ found.linear.T * normals[found.vertex_map]).sum()
         if kind == "mirror" or float(aligned) >= 0:
@@ -167,11 +173,11 @@ class SymmetryScene:
 
     @property
     def is_rotation(self) -> bool:
-        """Whether the symmetry is a rotation, which a flow can reach."""
+        """Whether the symmetry is a rotation, which a flow can produce, not a mirror plane."""
         return self.symmetry.kind == "rotation"
 
     def example(self, p: Parameters) -> Example:
-        """Return the match of coordinates or, for a mirror, of a Gaussian to their images."""
+        """Return the match of coordinates to rotated ones or, for a mirror, of a Gaussian."""
         sources = (
             self.coordinate_specs()
             if self.is_rotation
@@ -208,7 +214,7 @@ class SymmetryScene:
         return scripts.gaussian(self.mesh, vertex, _GAUSSIAN_WIDTH)
 
     def coordinate_specs(self) -> tuple[str, ...]:
-        """Return specifications of centred coordinates in sqrt(area), all of similar size."""
+        """Return the text forms of the coordinates, centred and in units of sqrt(area)."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -222,19 +228,19 @@ class SymmetryScene:
 
     @property
     def sample(self) -> IntArray:
-        """Uniformly selected vertices; exact geodesics for all vertices would be too slow."""
+        """Evenly selected vertices for measurements; exact geodesics for all would be too slow."""
         count = len(self.mesh.vertices)
         return np.linspace(0, count - 1, min(_SAMPLE_VERTICES, count)).astype(np.int64)
 
     def mean_errors(self, *matches: Match) -> list[float]:
-        """Return the mean geodesic errors of the maps at tau, in sqrt(area)."""
+        """Return the mean error of each match's map at tau, as geodesic distance in sqrt(area)."""
         rows = self.sample
         ends = [match.flow.coordinate_map().points[rows] for match in matches]
         found = geodesics(self.mesh, self.symmetry.vertex_map[rows], *ends)
         return [float(distances.mean()) for distances in found]
 
     def measures_of(self, match: Match) -> list[Measure]:
-        """Measure mismatch, map error and drift, and compare with exact flow lines."""
+        """Measure the mismatch, map error and drift of a match; compare its map with flow lines."""
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.flow.coordinate_map(2 * tau).points[rows])
         starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
@@ -272,7 +278,7 @@ class SymmetryScene:
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:
-        """Show coordinates as colours advected by the flow, and marked points that move with it."""
+        """Return panels with coordinates as colours and marked points, both moved by the flow."""
         panels = []
         for share, label in _SHOWN_TIMES.items():
             time = share * match.parameters.tau
@@ -286,14 +292,18 @@ class SymmetryScene:
         matched = (
             f"rotation by 180 degrees about ({axis}); the three coordinates are matched together"
             if self.is_rotation
-            else f"mirror plane with normal ({axis}), which no flow can reach; one Gaussian is "
+            else f"mirror plane with normal ({axis}), which no flow can produce; one Gaussian is "
             "matched"
         )
         return f"{scripts.size_text(self.name, self.mesh)}, {matched}."
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Return the geodesic distances in sqrt(area) of P vertices from K points each, (K, P)."""
+    """Return the geodesic distances, in sqrt(area), of vertices from points of the surface.
+
+    Each of the K arguments ``ends`` has a point for each of the P vertices. The result has shape
+    (K, P).
+    """
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
     is_distant = np.array(
         [(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends]
@@ -310,7 +320,10 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Show source, target, result, field and its norm, for the function that changes most."""
+    """Return panels with source, target, result, field and its norm.
+
+    They show the function with the largest difference between source and target.
+    """
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))

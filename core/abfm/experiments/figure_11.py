@@ -1,7 +1,8 @@
-"""Figures 11 to 13: a point map of few eigenfunctions is improved by matching coordinates.
+"""Figures 11 to 13: matches of coordinates that improve a map between two poses of a body.
 
-The coordinates of pose A are transferred to pose B by a point map of few eigenfunctions. The
-targets are the coordinates transferred by the true map, truncated at more eigenfunctions.
+The initial map is a point map from pose B to pose A, recovered from few eigenfunctions. The sources
+are the coordinates of A, transferred to B by the initial map. The targets are the same coordinates,
+transferred by the true functional map in more eigenfunctions.
 ``docs/figures/figure-13.md`` describes how maps are recovered from functions.
 """
 
@@ -31,9 +32,9 @@ ZOOMED_FUNCTIONS = "ZoomOut, then 3 functions, both truncated"
 TRUNCATED_SUFFIX = ", truncated alike"
 BY_LINES = ", flow lines"
 BY_NEIGHBOURS = ", nearest neighbours"
-START = "start"
+START = "initial map"
 NO_FLOW = "no flow"
-ZOOM_OUT = "no flow: ZoomOut of the start"
+ZOOM_OUT = "no flow: ZoomOut of the initial map"
 TARGETS = "no flow: nearest surface points of the target coordinates"
 
 _START_MODES = 10  # number of eigenfunctions of the initial map
@@ -42,8 +43,8 @@ _MODES_SMALL = 30
 _VERTICES_MIN = 60
 _BEND = np.pi / 3  # angle in radians
 _CHECKER_FIELDS = 16  # squares of the checkerboard along the longest axis
-_MISMATCH_RATIO_MAX = 0.1  # maximum ratio of final and initial mismatch of matched functions
-_ZOOM_OUT_STEP = 10  # eigenfunctions added in each step
+_MISMATCH_RATIO_MAX = 0.1  # largest ratio of final to initial mismatch of a success
+_ZOOM_OUT_STEP = 10  # eigenfunctions that ZoomOut adds in each step
 # parameters of the reduced basis
 _FIELDS = 50
 _SIGMA = 0.1
@@ -54,7 +55,7 @@ _TRUNCATED_MAPS = (
     ZOOMED_FUNCTIONS + BY_NEIGHBOURS,
 )
 _REFERENCES = (START, TARGETS, FUNCTIONS + BY_LINES, BASIS + BY_NEIGHBOURS, ZOOM_OUT)
-_PAIRS = (  # maps with a flow, and maps from the same data without one
+_PAIRS = (  # pairs of maps that are recovered from the same data with and without a flow
     (FUNCTIONS, TARGETS),
     (FUNCTIONS + TRUNCATED_SUFFIX, TARGETS + TRUNCATED_SUFFIX),
     (TRUNCATED_FUNCTIONS, TARGETS + TRUNCATED_SUFFIX),
@@ -64,17 +65,18 @@ _PAIRS = (  # maps with a flow, and maps from the same data without one
     ),
     (ZOOMED_FUNCTIONS + BY_NEIGHBOURS, ZOOM_OUT),
 )
-# numbers of vertices whose errors are measured
+# Map errors are measured at all vertices of meshes up to the first size, and at the second number
+# of vertices on finer meshes.
 _ALL_VERTICES_MAX = 1500
 _MEASURED_VERTICES = 500
-# initial maps of matches, by name
+# initial maps of the matches with truncated functions, by the name of the match
 _INITIAL_MAPS = {TRUNCATED_FUNCTIONS: START, ZOOMED_FUNCTIONS: ZOOM_OUT}
 _ERROR_BOUND = 0.05
 _ERROR_LEVELS = np.linspace(0, 0.15, 301)
 
 
 def figure_11(setup: FigureSetup) -> Script:
-    """Match two coordinates of pose A on pose B together, and measure the errors at vertices."""
+    """Match two coordinates of pose A on pose B, and measure the sum of errors at each vertex."""
     poses = Poses.of(setup)
     axes = sorted(by_extent(poses.a)[:2].tolist())
     example = poses.example(TABLE_1[11], axes, setup.small)
@@ -113,7 +115,7 @@ def figure_11(setup: FigureSetup) -> Script:
 
 
 def figure_12(setup: FigureSetup) -> Script:
-    """Match the three coordinates of pose A on pose B; show two as texture coordinates."""
+    """Match the three coordinates of pose A on pose B, and show two of them as a checkerboard."""
     poses = Poses.of(setup)
     example = poses.example(TABLE_1[12], [0, 1, 2], setup.small)
     yield example
@@ -132,7 +134,7 @@ def figure_12(setup: FigureSetup) -> Script:
     three = remaining(found.three.advected, slice(3))
     of_map = remaining_ratio(found.reduced.mismatch, found.reduced.start_mismatch)
     claim = "the target functions are matched"
-    of_start = "mismatch relative to that of the start"
+    of_start = "mismatch relative to that of the initial map"
     of_maps, notes = scripts.quality_measures({name: found.qualities[name] for name in _MAPS})
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
@@ -141,7 +143,8 @@ def figure_12(setup: FigureSetup) -> Script:
         Measure(f"3 functions: {of_start}", three, claim, three <= _MISMATCH_RATIO_MAX),
         Measure(f"reduced basis: {of_start}", remaining(found.reduced_functions, slice(3))),
         Measure(
-            "reduced basis: mismatch of the functional map relative to that of the start", of_map
+            "reduced basis: mismatch of the functional map relative to that of the initial map",
+            of_map,
         ),
         *of_maps,
     )
@@ -163,7 +166,7 @@ def figure_12(setup: FigureSetup) -> Script:
 
 
 def figure_13(setup: FigureSetup) -> Script:
-    """Measure the maps of figure 12, and plot the fraction of vertices below an error."""
+    """Measure the maps of figure 12, and plot the share of vertices below each error."""
     poses = Poses.of(setup)
     example = poses.example(TABLE_1[12], [0, 1, 2], setup.small)
     yield example
@@ -192,12 +195,12 @@ def figure_13(setup: FigureSetup) -> Script:
             )
             deficit_max = 100 * max(float(deficits), 0.0)
             of_mean = f"{ours}: mean error minus that of the reduced basis{reading}, sqrt(area)"
-            of_curve = f"{ours}: largest deficit of its curve against the reduced basis{reading}, %"
+            of_curve = f"{ours}: largest gap below the curve of the reduced basis{reading}, %"
             measures.append(Measure(of_mean, difference, better, difference < 0))
             measures.append(Measure(of_curve, deficit_max, better, deficit_max == 0))
     for ours in (FUNCTIONS, FUNCTIONS + BY_LINES, FUNCTIONS + BY_NEIGHBOURS):
         text, difference = (
-            f"{ours}: mean error minus that of the start, sqrt(area)",
+            f"{ours}: mean error minus that of the initial map, sqrt(area)",
             mean_difference(ours, START),
         )
         measures.append(Measure(text, difference, "the map is improved", difference < 0))
@@ -233,9 +236,10 @@ def figure_13(setup: FigureSetup) -> Script:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Two poses with equal vertex numbers, the initial map to A, and the truncated true map.
+    """Two poses A and B of a body with the same vertices, and maps between them.
 
-    ``start`` maps the vertices of B to A. ``true_map`` is the functional map (k, k).
+    ``start`` is the initial map from the vertices of B to A. ``true_map`` (k, k) is the true
+    functional map from A to B in k eigenfunctions.
     """
 
     a: TriangleMesh
@@ -247,7 +251,7 @@ class Poses:
 
     @classmethod
     def of(cls, setup: FigureSetup) -> "Poses":
-        """Return the bundled humans, or a mesh and its bent copy."""
+        """Return the two bundled humans, or the mesh of the options and a bent copy of it."""
         if setup.mesh is None:
             a, b, name = (
                 scripts.bundled("human_A.off"),
@@ -270,7 +274,7 @@ class Poses:
         return cls(a, b, name, description, start, functional_map(truth, modes))
 
     def example(self, row: TableRow, axes: list[int], small: bool) -> Example:
-        """Return the match of some coordinates of A."""
+        """Return the match on B of the coordinates ``axes`` of A."""
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
         target = transfer(self.a, self.b, self.true_map, places)[:, axes]
@@ -284,32 +288,32 @@ class Poses:
         k = len(self.true_map)
         return (
             f"{scripts.size_text(self.description, self.b)}. Functions: coordinates "
-            f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area). Start: nearest "
-            f"neighbours in the spectral embedding, {_START_MODES} eigenfunctions. Targets: true "
-            f"functional map, {k} x {k}. Parameters of Table 1, "
+            f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area). Initial map: "
+            f"nearest neighbours in the spectral embedding, {_START_MODES} eigenfunctions. "
+            f"Targets: true functional map, {k} x {k}. Parameters of Table 1, "
             f"{problem.parameters.solver.iterations} iterations"
         )
 
     def checker(self, functions: FloatArray) -> Checker:
-        """Return two coordinate functions (V, 2) as a checkerboard, on either pose."""
+        """Return a checkerboard of two coordinate functions (V, 2), equally fine on both poses."""
         extent = np.ptp(coordinates(self.a), axis=0).max()
         return Checker(functions * (0.5 * _CHECKER_FIELDS / extent))
 
 
 @per_mesh
 def coordinates(mesh: TriangleMesh) -> FloatArray:
-    """Return centred coordinates in units of sqrt(area), (V, 3)."""
+    """Return the coordinates of the vertices, centred and in units of sqrt(area), shape (V, 3)."""
     places = mesh.normalized().vertices
     return np.asarray(places - vertex_areas(mesh.normalized()) @ places)
 
 
 def remaining_ratio(after: float, before: float) -> float:
-    """Return the ratio of the mismatches after and before; 1 if there was none before."""
+    """Return the mismatch after a match divided by that before; 1 if that before is zero."""
     return after / before if before > 0 else 1.0
 
 
 def by_extent(mesh: TriangleMesh) -> IntArray:
-    """Return the axes sorted by extent, longest first, (3,)."""
+    """Return the indices (3,) of the axes, sorted by the extent of the mesh, longest first."""
     return np.argsort(-np.ptp(mesh.vertices, axis=0), kind="stable")
 
 
@@ -331,7 +335,7 @@ def bend_mesh(mesh: TriangleMesh) -> TriangleMesh:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Matches, advected coordinates, and the point maps recovered from them."""
+    """Matches by all methods, the coordinates that they advect, and the recovered maps."""
 
     one: Match
     three: Match
@@ -346,7 +350,10 @@ class Comparison:
 def compare(
     poses: Poses, problem: Problem, setup: FigureSetup
 ) -> Generator[Sequence[RequestedMatch], Sequence[Match], Comparison]:
-    """Match by all methods, as a part of a script; the mesh caches the result for both figures."""
+    """Match by all methods, as a part of a figure's script.
+
+    Pose B caches the result, which figures 12 and 13 both use.
+    """
     b, key = poses.b, (__name__, problem.parameters, poses.true_map.shape)
     if key in b.cache:
         yield ()
@@ -389,7 +396,7 @@ def comparison_of(
     maps_without: Mapping[str, PointMap],
     matches: Sequence[Match],
 ) -> Comparison:
-    """Recover the maps from the matches of `requests_on`, and match in the reduced basis."""
+    """Match in the reduced basis; recover maps from this and from the matches of `requests_on`."""
     a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.true_map), problem.source
     one, three, *others = matches
     read = dict(maps_without)
@@ -424,7 +431,10 @@ def comparison_of(
 
 
 def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
-    """Return the maps from the initial map and from the targets (V, 3) without a flow, by name."""
+    """Return, by name, maps that need no flow.
+
+    They are recovered from the initial map and from the target functions (V, 3).
+    """
     a, b, k = poses.a, poses.b, len(poses.true_map)
     zoomed = maps.zoom_out(a, b, functional_map(poses.start, _START_MODES), k, _ZOOM_OUT_STEP)
     return {
@@ -437,7 +447,11 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 
 
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
-    """Recover the maps of a match by flow lines and by nearest neighbours, by name."""
+    """Return, by name, two maps of a match: by flow lines and by nearest neighbours.
+
+    Both compose the map ``start`` with the flow of the match. Nearest neighbours are those in the
+    spectral embedding with k eigenfunctions.
+    """
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
@@ -446,14 +460,20 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
 
 
 def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map to the closest points of A, for functions (V, 3) on B as coordinates."""
+    """Return the map from B to the points of A that are closest to given coordinates.
+
+    The coordinates are functions (V, 3) on B, in the units of `coordinates`.
+    """
     a = poses.a
     origin = a.vertices[0] - coordinates(a)[0] * a.length_scale
     return PointMap.project(poses.b, a, functions * a.length_scale + origin)
 
 
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from functions (V, 3) on B to the closest truncated coordinates of A."""
+    """Return the map from B to the closest points of A by truncated coordinates.
+
+    The coordinates on B are functions (V, 3).
+    """
     a = poses.a
     found = maps.project_onto_surface(
         TriangleMesh(truncated_coordinates(a, len(poses.true_map)), a.faces), functions
@@ -463,13 +483,13 @@ def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
 
 
 def truncated_coordinates(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return the `coordinates` projected to the first k eigenfunctions, (V, 3)."""
+    """Return the `coordinates`, shape (V, 3), projected to the first k eigenfunctions."""
     basis = unit_eigenbasis(mesh, k)[1]
     return np.asarray(basis @ spectral_coefficients(mesh, coordinates(mesh), k))
 
 
 def with_flow_lines(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
-    """Compose a map with exact backward flow lines of fields (N, F, 3)."""
+    """Compose a map from B to A with exact backward flow lines on B of fields (N, F, 3)."""
     a, b = start.codomain, start.domain
     lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
     faces, places = zip(*((line.faces[-1], line.barycentric[-1]) for line in lines), strict=True)

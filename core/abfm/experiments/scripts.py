@@ -34,9 +34,9 @@ from abfm.workers.worker import Worker, no_state
 
 @dataclass(frozen=True, eq=False)
 class FigureSetup:
-    """Options of a figure: another mesh, small meshes for tests, and the report of progress.
+    """Options of a figure: another mesh, small meshes for tests, and progress reports.
 
-    ``report`` is called with a short text and the finished fraction of the figure.
+    ``report`` is a function that takes a short text and the finished fraction of the figure.
     """
 
     mesh: TriangleMesh | None = None
@@ -47,11 +47,11 @@ class FigureSetup:
     def surface(
         self, name: str, make: Callable[..., TriangleMesh], *arguments: Any
     ) -> tuple[TriangleMesh, str]:
-        """Return the mesh of the options and its name, or else the figure's own mesh."""
+        """Return the mesh of the options and its name, or else the default mesh of the figure."""
         return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
 
     def match(self, requested: Sequence[RequestedMatch]) -> list[Match]:
-        """Solve the matches one after the other in this process, and report the progress."""
+        """Solve the requested matches one by one in this process, and report the progress."""
         found, start = list[Match](), 0.0
         for each in requested:
             found.append(match(each.problem, on_iteration=self._reporter(each, start)))
@@ -76,10 +76,10 @@ class RequestedMatch:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A problem with the name of its mesh, and the flow if it is given instead of matched.
+    """A problem with the name of its mesh, and a flow if the figure has one instead of a match.
 
-    ``specs`` has the source and the target of each channel as texts. A function that no text
-    describes is ``file:name.npy``; this file need not exist.
+    ``specs`` has the specifications of source and target for each channel, as texts. A function
+    that has no other specification is ``file:name.npy``, a file that need not exist.
     """
 
     problem: Problem
@@ -89,7 +89,7 @@ class Example:
 
     @property
     def values(self) -> dict[str, FloatArray]:
-        """Functions (V,) that no text describes, by their specifications."""
+        """Functions (V,) whose specification is ``file:name.npy``, by this specification."""
         sources, targets = zip(*self.specs, strict=True)
         columns = [*self.problem.source.T, *self.problem.target.T]
         named = zip([*sources, *targets], columns, strict=True)
@@ -98,7 +98,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured number with its unit in the name, and its comparison with the paper.
+    """A measured number, with its unit in the name, compared with a statement of the paper.
 
     ``claim`` is the statement of the paper, and ``reproduces`` is whether the number supports it.
     ``bound`` is an upper bound, if there is one. A number that is not finite raises MeshError.
@@ -119,11 +119,11 @@ class Measure:
 
     @property
     def passes(self) -> bool | None:
-        """Whether the value is within the bound; None without a bound."""
+        """Whether the value is at most the bound; None if there is no bound."""
         return None if self.bound is None else bool(self.value <= self.bound)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the entries of the figure's JSON."""
+        """Return the entry of the measure in the JSON file of the figure."""
         return {
             "name": self.name,
             "value": float(self.value),
@@ -136,7 +136,7 @@ class Measure:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """Results of a script: measures, the figure to draw, and a description of the setting."""
+    """Results of a figure's script: measures, the picture to draw, and a text about the setup."""
 
     measures: Sequence[Measure]
     sheet: Sheet
@@ -148,7 +148,12 @@ Script = Generator[Example | Sequence[RequestedMatch], Sequence[Match], Findings
 of all matches that it requests. The caller solves them and sends the results in the same order.
 """
 
-_MODULE_OF_FIGURE = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
+_MODULE_OF_FIGURE = {
+    3: 1,
+    10: 9,
+    12: 11,
+    13: 11,
+}  # figures in another's module
 _CLAIMS = {
     1: "A single vector field advects the source to a function that matches the target, and "
     "interpolates smoothly.",
@@ -175,7 +180,7 @@ _CLAIMS = {
 
 
 def script(figure: int, setup: FigureSetup) -> Script:
-    """Return the script of a figure of the paper."""
+    """Return the script that computes a figure of the paper."""
     module = import_module(f"abfm.experiments.figure_{_MODULE_OF_FIGURE.get(figure, figure):02}")
     found: Script = getattr(module, f"figure_{figure}")(setup)
     return found
@@ -187,7 +192,7 @@ def claim(figure: int) -> str:
 
 
 def example_of(script: Script) -> Example:
-    """Start a script, and return its example."""
+    """Run the script of a figure until it yields its example, and return the example."""
     example = next(script)
     assert isinstance(example, Example)
     return example
@@ -239,7 +244,7 @@ def _example_and_match(_: None, figure: int) -> tuple[Example, Match | None]:
 
 
 def match_of_flow(example: Example) -> Match | None:
-    """Return the given flow of an example as a match, for display; None without a flow."""
+    """Return the flow of an example as a match, for display; None if it has no flow."""
     if example.flow is None:
         return None
     problem, velocity = example.problem, example.flow.velocity
@@ -285,19 +290,25 @@ def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return the example of advection by a flow until tau; ``target`` is the spec of a file."""
+    """Return an example: the source, advected by a flow until its tau, is the target.
+
+    ``source`` and ``target`` are specifications; that of the target is the name of a file.
+    """
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return 60 to ``iterations_max`` iterations, which take about 30 s with three functions."""
+    """Return a number of iterations that takes about 30 s for three functions on a mesh.
+
+    It is at least 60 and at most ``iterations_max``.
+    """
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
 def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...], str]:
-    """Verify a match; return measures, notes for its sheet, and a text if a check is missing."""
+    """Verify a match; return measures, notes for the picture, and a text if a check is missing."""
     try:
         verification = found.verify()
     except ParameterError as error:
@@ -321,7 +332,7 @@ def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...],
 def flow_map_measures(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
-    """Measure the maps of a flow at some fractions of tau, by names to show."""
+    """Measure the maps of a flow at times that are given as shares of tau; return them by label."""
     return {
         f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
             found.flow.coordinate_map(share * found.parameters.tau)
@@ -331,7 +342,7 @@ def flow_map_measures(
 
 
 def quality_measures(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return measures of the maps' distances from the surface and folds, and a warning note."""
+    """Return measures of the maps' folds and distances from the surface, and warning notes."""
     measures, faults = [], []
     for name, quality in qualities.items():
         measures += [
