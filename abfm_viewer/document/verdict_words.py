@@ -8,7 +8,7 @@ import abfm
 from abfm.outcome import Facts
 from abfm.wording import sentence, share
 
-_SHORTER = {
+_ABBREVIATIONS = {
     "less than ": "<",
     "areas change by a factor of ": "areas ×",
     "distortion within ": "distortion ≤",
@@ -18,7 +18,7 @@ _SHORTER = {
 def short_headline(facts: Facts) -> str:
     """Return the headline in fewer words: ``matched (residual 4.3%), areas ×1.4``."""
     headline = facts.headline
-    for phrase, shorter in _SHORTER.items():
+    for phrase, shorter in _ABBREVIATIONS.items():
         headline = headline.replace(phrase, shorter)
     return headline
 

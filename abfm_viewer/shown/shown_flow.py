@@ -260,7 +260,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Where the points that are now at the vertices started, (V, 3); of two surfaces on A."""
+        """Start at time 0 of the point at each vertex, (V, 3); on A if surfaces are registered."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices
