@@ -17,7 +17,7 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray
 from abfm.wording import counted
 
-_RIDGE = 1e-6  # weight of the squared field, which makes the solution unique without data
+_RIDGE = 1e-6  # weight of the squared field, for uniqueness where frames are constant
 
 
 def horn_schunck(

@@ -19,7 +19,7 @@ from abfm.numerics.real_numbers import is_finite_number, is_integer, real_number
 from abfm.types import FloatArray
 
 _ITERATIONS = 500
-_TOLERANCE = 1e-5  # L1 change of the interpolated density, with mass 1, in one iteration
+_TOLERANCE = 1e-5  # largest L1 change of the density (mass 1) in the last iteration
 _HEAT_MIN = 1e-150  # squares and quotients of smaller densities underflow
 _EXPONENT_MAX = 64.0
 _WIDTH_MAX = 1e3
@@ -74,7 +74,7 @@ class HeatKernel:
         self._solve = factor(sparse.csr_array(matrix))
 
     def __call__(self, f: FloatArray) -> FloatArray:
-        """Return a function (V,) after the flow, (V,)."""
+        """Return a function (V,) after the heat flow, in the same shape."""
         for _ in range(self._steps):
             f = self._solve(self.areas * f)
         return f
@@ -165,7 +165,7 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Return the smallest power (at least 1) of a density with at most entropy ``bound``.
+    """Return the power of a density, with the smallest exponent from 1, of entropy up to ``bound``.
 
     The method is algorithm 3 of Solomon et al. (2015).
     """
@@ -187,7 +187,7 @@ def _entropy(areas: FloatArray, density: FloatArray) -> float:
 
 
 def _positive_laplacian(mesh: TriangleMesh) -> Matrix:
-    """Return the cotangent Laplacian without the edges whose weight is negative, (V, V)."""
+    """Return the cotangent Laplacian, shape (V, V), without the edges of negative weight."""
     entries = cotangent_laplacian(mesh).tocoo()
     is_positive = (entries.row != entries.col) & (entries.data < 0)
     indices = entries.row[is_positive], entries.col[is_positive]

@@ -46,19 +46,20 @@ class ReducedMatch:
 
     velocity: FloatArray  # (F, 3), field in the input's units
     functional_map: FloatArray  # (k, m), map in the reduced basis
-    start_mismatch: float  # ``||C - C_target|| / ||C_target||`` of the start, Frobenius norm
-    mismatch: float  # the same ratio for the result
+    start_mismatch: float  # ``||C - C_target|| / ||C_target||`` of the initial map, Frobenius norm
+    mismatch: float  # the same ratio for the map after the match
 
 
 class ReducedEnergy:
     """The energy of a field in a reduced basis, and its gradient.
 
     The energy of coefficients a is
-    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``. The
-    basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
-    gradients, and as many rotated gradients. ``start`` and ``target`` (k, m) are functional maps to
-    the mesh, in its first k eigenfunctions. AbfmError if these maps or the number of fields are
-    invalid.
+    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``.
+
+    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
+    gradients, and as many rotated gradients. ``start``, the initial map, and ``target`` (k, m) are
+    functional maps to the mesh, in its first k eigenfunctions. AbfmError if these maps or the
+    number of fields are invalid.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
 
 
 def _operators(mesh: TriangleMesh, basis: FloatArray, k: int) -> FloatArray:
-    """Return ``Phi^+ D_v Phi`` for every field of the basis, (M, k, k)."""
+    """Return the matrices ``Phi^+ D_v Phi`` of all M fields of the basis, shape (M, k, k)."""
     functions = eigenbasis(mesh, k)[1]
     slopes = (gradient(mesh) @ functions).reshape(-1, 2, k)
     tests = averaging(mesh).T @ (vertex_areas(mesh)[:, None] * functions)

@@ -55,7 +55,7 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     """Insert the vertex that was removed last, at the slot opposite its edge.
 
-    Return the number of its corners, which are written to ``star``.
+    Return the number of the corners at the vertex; the corners are written to ``star``.
     """
     faces, twins, corner_of = surface
     for side in (slot, twins[slot]):
@@ -72,7 +72,7 @@ def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
 
 @unfused_kernel
 def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
-    """Collapse an edge to its first end, seen from the slot opposite to it."""
+    """Collapse an edge, given by the slot opposite to it, into the edge's first end."""
     faces, twins, corner_of = surface
     end = faces[next_slot(slot)]
     for corner in star[: fill_star(star, twins, next_slot(next_slot(slot)))]:

@@ -34,8 +34,9 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_ROTATED_VERTICES = 100  # number of vertices at which the sphere is rotated to fit the map
-_LENGTH_MIN = 1e-12  # shorter vectors have no direction
+# number of inserted vertices of B at which its sphere is rotated to fit the given map
+_ROTATED_VERTICES = 100
+_LENGTH_MIN = 1e-12  # vectors of smaller length are treated as zero
 # reweighted least squares for the rotation of the sphere
 _ROTATION_ITERATIONS = 20
 _SQUARED_DISTANCE_SOFTENING = 0.1
@@ -51,7 +52,7 @@ _MOVE_LENGTH_MAX_ON_A = 0.1
 _PULLS_ON_A = 3
 _SWEEPS_ON_A = 4
 _SMOOTHING_LENGTH = 0.02  # sqrt(area); smooths the given map before B is pulled toward it
-# distances in sqrt(area) from the given map that cost as much as distortion
+# distances in sqrt(area) from the given map whose energy equals that of distortion
 _LOOSE_DISTANCE = 0.05
 _TIGHT_DISTANCE = 0.02
 _FINAL_SWEEPS = 10
@@ -64,9 +65,9 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     3).
 
     On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a
-    homeomorphism with little distortion. It is close to the given map in space where that is
-    consistent. The result preserves the orientation. A map onto the mirror image must be given as a
-    map onto a mirrored mesh.
+    homeomorphism with little distortion. It is close to the given map in space where the given map
+    is consistent. The result preserves the orientation. A map onto the mirror image must be given
+    as a map onto a mirrored mesh.
 
     Raises
     ------
@@ -92,14 +93,14 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_loop_means(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Append to values (V, ...) the mean of each boundary loop, for the vertex that closes it."""
+    """Append to values (V, ...) the means over boundary loops, for the vertices that close them."""
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )
 
 
 def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:
-    """Unfold a surface on the sphere while pulling it toward targets (V, 3)."""
+    """Unfold a surface on the sphere, while pulling its vertices toward targets (V, 3)."""
     count, is_rotated = len(points), False
     pull, workspace = allocate_moves(count), allocate_workspace(count)
     with step("making the map continuous", count) as done:
@@ -122,7 +123,10 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
 
 
 def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
-    """Rotate vertices on the sphere (V, 3) close to their targets; outliers have low weights."""
+    """Rotate vertices (V, 3) on the sphere so that they are close to their targets (V, 3).
+
+    Outliers have low weights.
+    """
     weights = np.ones(len(sphere))
     for _ in range(_ROTATION_ITERATIONS):
         u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)
@@ -132,7 +136,7 @@ def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
 
 
 def _relax(state: Embedding, codomain: Codomain, targets: FloatArray) -> None:
-    """Move a surface on the sphere to reduce the distortion of its image near the targets."""
+    """Move B on the sphere to reduce the distortion of its image on A, which stays near targets."""
     count = len(targets)
     active, pull, workspace = np.arange(count), allocate_moves(count), allocate_workspace(count)
     corners = state.surface.faces.reshape(-1, 3)

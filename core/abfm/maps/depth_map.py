@@ -1,4 +1,4 @@
-"""Depth maps: the nearest depth of a surface at each pixel of a picture."""
+"""Depth maps: for each pixel of a picture, the depth of the surface point nearest to the viewer."""
 
 import numpy as np
 
@@ -7,10 +7,11 @@ from abfm.types import FloatArray, IntArray
 
 
 def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: int) -> FloatArray:
-    """Return the largest depth at the centre of each pixel, (height, width).
+    """Return the depth of the nearest surface point at each pixel, shape (height, width).
 
-    The vertices (V, 3) are in pixels with a depth, which is larger for nearer points and linear in
-    the picture. Pixels without a face have the value -inf.
+    A row of ``vertices`` (V, 3) has the column and the row in pixels, and the depth of a vertex.
+    Depths are larger for points nearer to the viewer, and linear on the projected face. The result
+    is evaluated at pixel centres; it is -inf where there is no face.
     """
     nearest = np.full((height, width), -np.inf)
     rasterize_depths(vertices, faces, nearest)
@@ -19,7 +20,7 @@ def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: in
 
 @kernel
 def rasterize_depths(vertices: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
-    """Rasterize faces (F, 3) of vertices (V, 3) into the nearest depths at pixel centres."""
+    """Write the depths of faces (F, 3) to ``nearest`` (height, width), where they are larger."""
     height, width = nearest.shape
     for f in range(len(faces)):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]

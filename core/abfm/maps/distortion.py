@@ -16,17 +16,17 @@ from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
 BOUNDED_SHARE = 0.99
-"""Share of the faces that must satisfy a bound; a few, as at the ends of creases, may exceed it."""
-CUT_FACES_MAX = 2048  # default number of faces that are subdivided
+"""Share of the faces that must satisfy a bound; a few others, as at creases, may exceed it."""
+CUT_FACES_MAX = 2048  # default of the largest number of faces that are subdivided
 _PARTS = 8  # parts along each side of a subdivided face
 # A face is folded if more than this share of its parts is flipped. In slivers along a bent surface,
 # about half of the parts seem flipped. In 36 of 38 maps of flows, it was not more than this share.
 # In folded faces, nearly all parts are flipped.
 _FLIPPED_SHARE_MIN = 0.75
 _INWARD_SHARE = 1e-6  # points move toward the centroid by this share, so none lies on two faces
-_AREA_ROUNDING = 1e-12  # a part that keeps a smaller share of its area collapsed, not flipped
-_COLLAPSED_AREA_MAX = 1e-9  # a smaller share of a face's area is a rounding error
-_CHUNK = 4096  # faces subdivided at a time, with 184,320 points
+_AREA_ROUNDING = 1e-12  # a part whose area shrinks to a smaller share is collapsed, not flipped
+_COLLAPSED_AREA_MAX = 1e-9  # a face whose area shrinks to at most this share is collapsed
+_CHUNK = 4096  # number of faces that are subdivided at a time, with 184,320 points in total
 _STRETCH_MIN = 1e-6  # smaller stretches are clipped before taking logarithms
 # A face is measured in parts if its stretch exceeds the first number and the surface is bent below
 # it. Then the mean unit normal at its corners is shorter than the second number (about 30 degrees)
@@ -50,7 +50,7 @@ class Log2Statistics(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """A bound of ``|log2 J|`` and ``|log2 R|``, and how well a map satisfies it."""
+    """A bound of ``|log2 J|`` (areas) and ``|log2 R|`` (shapes), and how a map satisfies it."""
 
     max_distortion: float
     share: float  # share of the faces, 0 to 1, that satisfy the bound
@@ -108,7 +108,10 @@ class Distortion:
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
-        """Return the smallest bound that this share of the faces satisfies, see `share_within`."""
+        """Return the smallest bound of both changes that a share of the faces satisfies.
+
+        See `share_within`.
+        """
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
@@ -118,12 +121,12 @@ class Distortion:
         return Bound(most, self.share_within(most), self.bound_of(BOUNDED_SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
-        """Return the distortion with all stretches multiplied by a factor, to change units."""
+        """Return the distortion with all stretches multiplied by a factor, as if units changed."""
         values = factor * self.singular_values
         return Distortion(values, factor**2 * self.area, self.conformal, self.flipped, self.weights)
 
     def report(self) -> str:
-        """Return the numbers in a line."""
+        """Return the statistics and the number of folded faces as one line of text."""
         return (
             f"|log2 J| of areas: {self.log2_area.report()}; |log2 R| of shapes: "
             f"{self.log2_shape.report()}; folded faces: {self.folded} of {len(self.area)}"
@@ -161,7 +164,7 @@ def chord_distortion(
 def log2_changes(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray
 ) -> tuple[float, float, float]:
-    """Return statistics of the distortion of faces (S,) whose corners are mapped to (S, 3, 3).
+    """Return statistics of the distortion of S faces, given the images (S, 3, 3) of their corners.
 
     The statistics are the mean and the 95th percentile of ``|log2 J|``, and the mean of
     ``|log2 R|``, all weighted by area. The map is linear on each face.
@@ -177,7 +180,7 @@ def log2_changes(
 def distortion_of_flow(
     mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, interior_map: SurfaceMap
 ) -> Distortion:
-    """Measure the distortion of faces (S,) by a map that is also known inside faces.
+    """Measure the distortion of faces (S,) by a map that is known at corners and inside faces.
 
     ``corners`` (3 S,) are the images of the faces' corners. The triangle between them is a bad
     approximation in two cases. It seems flipped, as smooth flows make slivers of faces, or it is
@@ -227,7 +230,10 @@ def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def flipped_triangles(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
-    """Return whether triangles (S, 3, 3) are opposite to the surface at their centroids, (S,)."""
+    """Return a mask (S,) of triangles (S, 3, 3) that are flipped.
+
+    A triangle is flipped if its normal is opposite to that of the surface at its centroid.
+    """
     closest = project_onto_surface(mesh, corners.mean(axis=1))
     return np.asarray((_areas(corners) * face_normals(mesh)[closest.faces]).sum(axis=1) < 0)
 
@@ -239,7 +245,7 @@ def folded_shares(
     corners: FloatArray,
     most: int = CUT_FACES_MAX,
 ) -> tuple[float, float]:
-    """Return the share of faces (S,) that a map folds, and the share of flipped triangles.
+    """Return the share of S faces that a map folds, and the share of triangles that are flipped.
 
     The triangles are those between the mapped corners (S, 3, 3). If a smooth flow stretches faces
     to slivers, several percent of these triangles seem flipped. Therefore a face counts as folded
@@ -258,7 +264,7 @@ def folded_shares(
 def stretches_by_parts(
     mesh: TriangleMesh, interior_map: SurfaceMap, faces: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the share of flipped parts of S faces, (S,), and mean stretches of the parts, (S, 2).
+    """Return, for S faces, the shares (S,) of flipped parts and the mean stretches (S, 2) of parts.
 
     Each face is divided into 64 parts, whose stretches have a geometric mean.
     """
@@ -287,9 +293,10 @@ def _areas(corners: FloatArray) -> FloatArray:
 
 
 def _grid(n: int) -> tuple[FloatArray, IntArray]:
-    """Return the barycentric weights of a grid with n steps a side, and its n^2 triangles.
+    """Return the points of a grid on a face, as barycentric weights, and its n^2 triangles.
 
-    The corners of every triangle have the same order as those of the face.
+    Each side of the face has n steps. The corners of every triangle have the same orientation as
+    those of the face.
     """
     steps = np.indices((n + 1, n + 1)).reshape(2, -1)
     second, third = steps[:, steps.sum(axis=0) <= n]

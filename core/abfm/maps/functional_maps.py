@@ -30,7 +30,10 @@ _CHUNK = 256  # rows whose distances are in memory at a time
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:
-    """Return the coefficients ``Phi^T M h``, (k,) or (k, C), of a function (V,) or (V, C)."""
+    """Return the first k spectral coefficients ``Phi^T M h`` of a function.
+
+    The function has shape (V,) or (V, C), and the result (k,) or (k, C).
+    """
     rows = channels(mesh, h, "h")
     areas = vertex_areas(mesh.normalized())[:, None]
     found: FloatArray = _basis(mesh, k).T @ (areas * rows.T)
@@ -38,7 +41,7 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(points: PointMap, k: int) -> FloatArray:
-    """Return the functional map ``Phi_target^+ P Phi_source``, (k, k), of a point map.
+    """Return the functional map ``Phi_target^+ P Phi_source`` of a point map, shape (k, k).
 
     The point map takes the target, its domain, to the source, its codomain.
     """
@@ -71,7 +74,7 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
 def zoom_out(
     source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1
 ) -> FloatArray:
-    """Refine a functional map (k_target, k_source) to k eigenfunctions, (k, k) [MRR*19].
+    """Refine a functional map of shape (k_target, k_source) to the shape (k, k) [MRR*19].
 
     Each iteration converts the map to points, as `point_map` does, and back, with ``step`` more
     eigenfunctions.
@@ -92,7 +95,7 @@ def zoom_out(
 def refined(
     source: FloatArray, target: FloatArray, weights: FloatArray, C: FloatArray, sizes: Iterable[int]
 ) -> FloatArray:
-    """Refine a functional map iteratively through ``sizes`` [MRR*19].
+    """Refine a functional map iteratively to each of the matrix sizes ``sizes`` [MRR*19].
 
     ``source`` (P, K) and ``target`` (Q, K) are eigenfunctions at any points of both surfaces.
     ``weights`` (Q,) are the areas of the target's points.
@@ -117,15 +120,18 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
-    """Return, for each row of the target, the row of the source whose transfer by ``C`` is closest.
+    """Return the number of the row of ``source`` that is closest to each row of ``target``.
 
-    Matrix products are 20 times as fast as a search tree if the map is far from isometric.
+    Rows of ``source`` are transferred by ``C`` before they are compared.
+
+    The search uses matrix products. They are 20 times as fast as a search tree if the map is far
+    from isometric.
     """
     return nearest(target, source @ C.T)
 
 
 def nearest(rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> IntArray:
-    """Return, for each row (n, d), the number of the closest of other rows (m, d)."""
+    """Return, for each of the rows (n, d), the number of the closest one of ``others`` (m, d)."""
     sizes = (others**2).sum(axis=1)
     found = np.empty(len(rows), dtype=np.int64)
     for start in range(0, len(rows), _CHUNK):

@@ -1,4 +1,4 @@
-"""Relaxation of the image of one surface on another: less distortion, smaller distance to targets.
+"""Moves of the image of surface B on surface A that reduce distortion and distances from targets.
 
 Both surfaces are on the same sphere, so each vertex of B corresponds to a point of A. No face of B
 is flipped on the sphere. The energy of a face of B has two parts. One is the symmetric Dirichlet
@@ -61,7 +61,10 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Return the face of A in a direction, searching from another face, and write its position."""
+    """Return the face of A in a direction; write the position of its point there to ``place``.
+
+    The search begins at ``face``.
+    """
     found, weights = np.array([face]), np.empty((1, 3))
     walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0
@@ -107,7 +110,7 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
 
 @unfused_kernel
 def relax(image: Image, workspace: Workspace) -> None:
-    """Move each vertex by a Newton step that reduces the energy of its faces."""
+    """Move each vertex of B by a Newton step that reduces the energy of the faces around it."""
     slopes, place = np.empty((2, 3)), np.empty(3)
     for v in range(image.faces.size):
         size = set_shapes(image.state, v, workspace)
@@ -135,7 +138,7 @@ def relax(image: Image, workspace: Workspace) -> None:
 def _energy(
     image: Image, v: int, direction: FloatArray, place: FloatArray, around: Workspace
 ) -> float:
-    """Return the energy of the faces at a vertex for a direction and the place of its image."""
+    """Return the energy of the faces at a vertex of B, for a given direction and image."""
     (_, surface, sphere), places = image.state, image.places
     total: float = 0.0
     for k in range(around.star.size):
@@ -155,7 +158,7 @@ def _energy(
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
-    """Return the Dirichlet energy of a mapped face, and a normal of twice its mapped area."""
+    """Return the Dirichlet energy of a mapped face, and its normal with twice the mapped area."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     total = shape[0] * scalar(p, p) + shape[1] * scalar(q, q) + shape[2] * scalar(r, r)
     return total, cross(q, r)
@@ -217,7 +220,7 @@ def _with_derivatives(
     axes: FloatArray,
     corners: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, float, float]:
-    """Return a Dirichlet energy and its first derivatives for moves of the first corner."""
+    """Return the Dirichlet energy of a face, and its derivatives by moves of the first corner."""
     q, r = difference(corners[2], corners[0]), difference(corners[0], corners[1])
     first = 2 * (shape[2] * scalar(axes[0], r) - shape[1] * scalar(axes[0], q))
     return dirichlet, first, 2 * (shape[2] * scalar(axes[1], r) - shape[1] * scalar(axes[1], q))

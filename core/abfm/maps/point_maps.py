@@ -35,10 +35,11 @@ class PointMap:
     barycentric : (V, 3) array
         Weights of the corners of the face with the image of each vertex, not negative, with sum 1.
     distances : (V,) array, optional
-        Distances of the images from the codomain before projection, in its units; by default 0.
+        Distances of the images from the codomain before their projection onto it, in its units; by
+        default 0.
     interior_map : callable, optional
-        Map of points inside faces of the domain to points of the codomain. By default these points
-        are interpolated between the images of corners.
+        Function that takes points inside faces of the domain (`SurfacePoints`) and returns points
+        of the codomain. By default, the images are interpolated between the images of corners.
     """
 
     domain: TriangleMesh
@@ -66,7 +67,7 @@ class PointMap:
     def of_vertices(
         cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
     ) -> PointMap:
-        """Return a vertex-to-vertex map (V,), by default to the vertex with the same number."""
+        """Return the map to the ``vertices`` (V,), by default those with the same numbers."""
         return cls.of_points(domain, vertex_points(codomain, vertices))
 
     @classmethod
@@ -96,19 +97,22 @@ class PointMap:
 
     @property
     def positions(self) -> FloatArray:
-        """The images in space, (V, 3), in the codomain's units."""
+        """The images of the vertices in space, shape (V, 3), in the codomain's units."""
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function (V',) or (V', C) of the codomain with the map, (V,) or (V, C)."""
+        """Compose a function of the codomain with the map; return a function of the domain.
+
+        The argument has shape (V',) or (V', C), and the result (V,) or (V, C).
+        """
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:
-        """Round to a vertex-to-vertex map, (V,)."""
+        """Return, for each vertex, the corner nearest to its image, shape (V,)."""
         return self.points.nearest_vertices()
 
     def to_matrix(self) -> sparse.csr_array:
-        """Return the matrix (V, V') of `pull_back`."""
+        """Return the matrix of `pull_back`, shape (V, V')."""
         count, columns = len(self.faces), self.codomain.faces[self.faces].ravel()
         entries = self.barycentric.flatten(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
@@ -153,7 +157,7 @@ class PointMap:
         return PointMap.of_points(self.domain, reflected(self.points), interior_map)
 
     def inverse(self) -> PointMap:
-        """Return a map from the codomain to the domain, by closest images.
+        """Return an approximate inverse: a map from the codomain to the domain, by closest images.
 
         Each vertex of the codomain is mapped to the point of the domain whose image is closest.
         Faces of the domain are flat between the images of their vertices here. The result is not an

@@ -19,7 +19,11 @@ from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-ERROR_BOUNDS = (0.05, 0.1, 0.25)  # sqrt(area); reports give the shares of smaller errors
+ERROR_BOUNDS = (
+    0.05,
+    0.1,
+    0.25,
+)  # in sqrt(area); a report has the shares of vertices with errors up to these bounds
 # A map has faults if one of the next three bounds is exceeded. They were chosen with 30 flows of
 # known smooth fields on five surfaces. Every flow beyond the first bound had points with a distance
 # above 0.16 from the ends of exact flow lines. Every flow beyond the second bound had a mean error
@@ -99,7 +103,7 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Return the distance along the surface from a vertex to a point in a face.
+    """Return the distance along the surface from a vertex to a point inside a face.
 
     The result is the smaller one of two upper bounds of the distance. One is the interpolation of
     the corners' distances, which on flat parts is never too short. The other is the shortest path
@@ -153,7 +157,7 @@ def map_quality(points: PointMap) -> MapQuality:
 
 
 class RoundTrip(NamedTuple):
-    """Displacements of vertices by a map and a map back, in mean lengths of their edges."""
+    """Displacements of vertices by a map and then a map back, in mean lengths of their edges."""
 
     median: float
     p95: float  # 95th percentile
@@ -164,10 +168,11 @@ class RoundTrip(NamedTuple):
 
 
 def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
-    """Measure how far vertices are displaced by a map and a map back.
+    """Measure how far vertices are displaced by a map, followed by a map back to the domain.
 
-    ``back`` maps points of the codomain to points of the domain, such as `abfm.PointMap.at` of
-    another map. On larger meshes 10,000 evenly chosen vertices are measured.
+    ``back`` is a function that takes points of the codomain and returns points of the domain, such
+    as `abfm.PointMap.at` of another map. On larger meshes 10,000 evenly chosen vertices are
+    measured.
     """
     mesh, count = points.domain, len(points.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)
@@ -182,8 +187,8 @@ def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
 class FlowMapQuality:
     """Distortion of the map of a flow, and the error of its round trip.
 
-    Points do not return to their start if the field compresses many of them into a region that
-    rounding does not resolve.
+    Points do not return to their original position if the field compresses many of them into a
+    region that rounding does not resolve.
     """
 
     distortion: Distortion
@@ -195,7 +200,9 @@ class FlowMapQuality:
         folded, error = self.distortion.flipped.mean(), self.round_trip.p95
         wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
         if error > RETURN_DISTANCE_MAX:
-            wrong.append(f"5% of the vertices return {error:.2g} or more edges from their start")
+            wrong.append(
+                f"5% of the vertices return {error:.2g} or more edges from their original position"
+            )
         if not wrong:
             return None
         advice = "Use a shorter time, a larger alpha or a finer mesh"

@@ -1,10 +1,11 @@
 """Embeddings of surfaces of genus 0 in the unit sphere, without flipped faces.
 
-The surface is collapsed to a tetrahedron and unfolded again, vertex by vertex [PH03]. A vertex is
-inserted at a position from which all sides of its ring are visible from inside. There is such a
-position next to the vertex that it was collapsed to, because the faces of that vertex fill the
-ring. Then vertices move to reduce the symmetric Dirichlet energy [SS15] of their faces, which also
-limits changes of area. They never cross a side of their rings, where the energy is infinite.
+The surface is collapsed to a tetrahedron and unfolded again, vertex by vertex [PH03]. The ring of a
+vertex is the polygon of its neighbours. A vertex is inserted at a position from which all sides of
+its ring are visible from inside. There is such a position next to the vertex into which it was
+collapsed, because the faces of that vertex fill the ring. Then vertices move to reduce the
+symmetric Dirichlet energy [SS15] of their faces, which also limits changes of area. They never
+cross a side of their rings, where the energy is infinite.
 
 References
 ----------
@@ -123,7 +124,10 @@ def build_surface(faces: IntArray, count: int) -> Surface:
 
 
 def _tetrahedron(surface: Surface, count: int, collapses: Collapses) -> FloatArray:
-    """Place the four remaining vertices on a regular tetrahedron, (V, 3); other rows are 0."""
+    """Return positions (V, 3) with the four remaining vertices on a regular tetrahedron.
+
+    The rows of all other vertices are 0.
+    """
     remaining = np.setdiff1d(np.arange(count), collapses.vertices)
     corner = surface.corner_of[remaining[0]]
     face = surface.faces[[corner, next_slot(corner), next_slot(next_slot(corner))]]
@@ -143,7 +147,7 @@ class Embedding(NamedTuple):
 
 
 def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, IntArray]]:
-    """Embed a closed surface (V, 3) of genus 0, and yield the state after every round.
+    """Embed a closed surface of genus 0 with vertices (V, 3); yield the state after every round.
 
     The first state is the tetrahedron. A state has the embedding, whose points in space are scaled
     to the sphere's area, and the active vertices. All states share their arrays. Between rounds the
@@ -197,7 +201,7 @@ def sweep(state: Embedding, active: IntArray, workspace: Workspace) -> None:
 def _insert_vertices(
     state: Embedding, vertices: IntArray, slots: IntArray, workspace: Workspace
 ) -> bool:
-    """Insert vertices in reverse order, with a few steps of each vertex and its neighbours.
+    """Insert vertices in the reverse order of their removal, and move each one and its neighbours.
 
     Return whether a position was found for all vertices.
     """
@@ -220,9 +224,9 @@ def _insert_vertices(
 def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool:
     """Place a vertex at a position where none of its faces is flipped.
 
-    The first try is the mean of its neighbours. Other tries are near ``anchor``, the vertex that it
-    was collapsed to. Their direction is the sum of the normals of the anchor's two sides of the
-    ring. Return whether a position was found despite rounding errors.
+    The first candidate is the mean of its neighbours. Other candidates are near ``anchor``, the
+    vertex into which it was collapsed. Their direction is the sum of the normals of the anchor's
+    two sides of the ring. Return whether a position was found despite rounding errors.
     """
     faces, sphere = state.surface.faces, state.sphere
     place, inward, normal = np.zeros(3), np.zeros(3), np.empty(3)

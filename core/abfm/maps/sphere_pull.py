@@ -1,4 +1,4 @@
-"""Moves of a surface on the sphere toward target positions, without flipping faces.
+"""Moves of the vertices of a surface on the sphere toward target positions, with no face flipped.
 
 All vertices move at the same time. Their moves are averages of the offsets to the targets over
 neighbours, so contradictions of a discontinuous map average out. The corners of a face that would
@@ -17,8 +17,8 @@ from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import unfused_kernel
 from abfm.types import FloatArray, IntArray
 
-_STEP = 0.5  # share of a move that is tried first
-_VOLUME_SHARE_MIN = 0.1  # smallest volume of a face after a move, relative to the one before
+_STEP = 0.5  # share of a move that is tried before it is reduced
+_VOLUME_SHARE_MIN = 0.1  # smallest volume of a face after a move, relative to that before it
 _HALVINGS_MAX = 12  # halvings of a move, after which the corners of a flipped face stay
 
 

@@ -30,10 +30,11 @@ from abfm.workers.control import checkpoint
 
 ROUNDNESS = 0.02  # tolerance for spheres, relative to the radius
 _VOLUME_ROUNDING = -1e-14  # smallest volume for a point on a side of a face
-_DIRECTION_ROUNDING = 1e-9  # a point is outside all faces if its direction differs by more
-_COVERAGE_MIN = 0.25  # least share of the sphere that a surface with holes covers
+# if the direction of the closest point differs by more, a point is outside all faces
+_DIRECTION_ROUNDING = 1e-9
+_COVERAGE_MIN = 0.25  # smallest share of the sphere that a surface with holes may cover
 _ROUNDING = 1e-14  # rounding errors of the lengths of unit vectors
-_CHUNK = 8192  # points between two checks whether the task is paused or cancelled
+_CHUNK = 8192  # number of points between two checks whether the task is paused or cancelled
 
 
 def sphere_directions(mesh: TriangleMesh) -> FloatArray:
@@ -142,7 +143,7 @@ class SphereLayout:
         return np.asarray(positions / np.linalg.norm(positions, axis=1)[:, None])
 
     def locate(self, directions: ArrayLike) -> SurfacePoints:
-        """Return the points of the surface in given directions (P, 3).
+        """Return the P points of the surface that lie in given directions (P, 3).
 
         This method is the inverse of `directions_of` except at flipped faces. In a hole the result
         is the closest point of the layout, which is on a boundary.
@@ -177,10 +178,11 @@ def map_through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap
 
 @unfused_kernel
 def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray) -> None:
-    """Find the faces (P,) and barycentric weights (P, 3) of directions (P, 3).
+    """Write to ``faces`` and ``weights`` the places of ``points``, which are unit vectors (P, 3).
 
-    ``faces`` contains a first guess and is overwritten. The search walks from face to face, each
-    time across the side that the point is farthest behind. If the walk fails, all faces are tried.
+    The results are face numbers (P,), whose initial values are a first guess, and barycentric
+    weights (P, 3). The search walks from face to face, each time across the side that the point is
+    farthest behind. If the walk fails, all faces are tried.
     """
     corners = layout.corners
     volumes, best = np.empty(3), np.empty(3)
@@ -218,9 +220,9 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
 
 @unfused_kernel
 def side_volumes(layout: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
-    """Compute the signed volumes (3,) between a point and each side of a face.
+    """Write the signed volumes of the tetrahedra of a point, each side of a face and the centre.
 
-    The signed volumes are the barycentric weights of the point, up to a factor.
+    The three volumes are the barycentric weights of the point, up to a factor.
     """
     for k in range(3):
         i, j = layout.corners[face, (k + 1) % 3], layout.corners[face, (k + 2) % 3]

@@ -12,7 +12,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-SPACING_MIN = 0.014  # smallest distance between points, in sqrt(area)
+SPACING_MIN = 0.014  # smallest distance between two points, in sqrt(area)
 _CANDIDATES = 32_768  # number of candidates, with a mean distance of 0.006 sqrt(area)
 _OPPOSITE_COSINE = -0.5  # points whose normals have a smaller cosine are not neighbours
 
@@ -28,20 +28,20 @@ class SpreadPoints:
     normals: FloatArray  # (P, 3), normals interpolated smoothly between faces
 
     def with_spacing(self, spacing: float) -> SurfacePoints:
-        """Return points with at least a given spacing, in sqrt(area), which cover the surface.
+        """Return the points whose distances are at least ``spacing``, in sqrt(area).
 
-        Every place on the surface is within about the same distance of one of them. The spacing is
-        at least ``SPACING_MIN``. The points for a larger spacing are a subset of those for a
-        smaller one.
+        Every place on the surface is within about the same distance of one of these points. The
+        smallest possible spacing is ``SPACING_MIN``. The points for a larger spacing are a subset
+        of those for a smaller one.
         """
         return self.points[np.arange(self.count(spacing))]
 
     def count(self, spacing: float) -> int:
-        """Return the number of points with a spacing, which are the first ones."""
+        """Return the number of the first points whose distances are at least ``spacing``."""
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:
-        """Select points greedily from numbers ``order`` (N,), with at least a given spacing."""
+        """Select points greedily, by numbers (N,), with distances of at least ``spacing``."""
         unit = self.points[order].positions / self.points.mesh.length_scale
         taken = np.empty(len(order), dtype=np.int64)
         return order[taken[: _select(unit, self.normals[order], spacing, taken)]]
@@ -70,7 +70,7 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
-    """Return unit normals interpolated between vertices, as the normals of slivers are random."""
+    """Return unit normals interpolated between vertices, because those of slivers are random."""
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     corners, count = mesh.faces.ravel(), len(mesh.vertices)
     at_vertices = [np.bincount(corners, np.repeat(w, 3), count) for w in weighted.T]

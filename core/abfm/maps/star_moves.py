@@ -16,7 +16,7 @@ from abfm.types import FloatArray, IntArray
 _MOLLIFICATION = 0.01  # share of the mean side of a face that is added to its sides (for slivers)
 _CURVATURE_SHARE_MIN = 0.01  # smallest curvature of a model, as a share of the largest one
 FLAT_VOLUME = 1e-15  # rounding may flip faces with a smaller volume, see `volume`
-STEP_FACTOR = 0.4  # reduces a step that does not decrease the energy
+STEP_FACTOR = 0.4  # factor by which a step is reduced while it does not decrease the energy
 STEP_TRIES = 12  # largest number of reductions of a step
 
 
@@ -56,7 +56,7 @@ def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
 
 @unfused_kernel
 def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float, float]:
-    """Return half the cotangents of a face's angles and its area, after lengthening its sides."""
+    """Return half the cotangents of a face's angles, and its area, with lengthened sides."""
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     first, second, third = np.sqrt(scalar(p, p)), np.sqrt(scalar(q, q)), np.sqrt(scalar(r, r))
     more = _MOLLIFICATION * (first + second + third) / 3
@@ -67,7 +67,7 @@ def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, fl
 
 @unfused_kernel
 def set_tangents(normal: FloatArray, axes: FloatArray) -> None:
-    """Compute two unit vectors perpendicular to ``normal`` and to each other."""
+    """Write to ``axes`` two unit vectors that are perpendicular to ``normal`` and to each other."""
     least = np.argmin(np.abs(normal))
     axes[0] = -normal[least] * normal
     axes[0, least] += 1.0

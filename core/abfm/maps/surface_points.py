@@ -73,24 +73,30 @@ class SurfacePoints:
         return SurfacePoints(self.mesh, self.faces[rows], self.barycentric[rows])
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Interpolate a function (V,) or (V, C) linearly at the points, (P,) or (P, C)."""
+        """Interpolate a function linearly at the points.
+
+        The function has shape (V,) or (V, C), and the result (P,) or (P, C).
+        """
         at_corners = channels(self.mesh, h, "h")[:, self.mesh.faces[self.faces]]
         values: FloatArray = np.einsum("pc,kpc->pk", self.barycentric, at_corners)
         return values.reshape(-1, *np.shape(h)[1:])
 
     def nearest_vertices(self) -> IntArray:
-        """Round each point to the nearest corner of its face, (P,)."""
+        """Return, for each point, the vertex at the nearest corner of its face, shape (P,)."""
         corners = self.mesh.faces[self.faces]
         squared = ((self.mesh.vertices[corners] - self.positions[:, None]) ** 2).sum(axis=2)
         return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
 
     def distances_from(self, positions: FloatArray) -> FloatArray:
-        """Return the distances (P,) of the points from positions (P, 3), row by row."""
+        """Return the distance of each point from the position in the same row, shape (P,).
+
+        ``positions`` has shape (P, 3).
+        """
         return np.asarray(np.linalg.norm(positions - self.positions, axis=1))
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> SurfacePoints:
-    """Return vertices (P,), given by index, as points of the surface; by default all."""
+    """Return the vertices with given indices (P,), by default all vertices, as surface points."""
     count = len(mesh.vertices)
     given = np.arange(count) if vertices is None else np.asarray(vertices)
     if given.ndim != 1 or given.dtype.kind not in "iu":
@@ -117,7 +123,7 @@ def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
-    """Return the point of the surface closest to each point in space (P, 3), in the mesh's units.
+    """Return the surface point closest to each of the points in space (P, 3), in mesh units.
 
     The closest point is exact up to rounding, and deterministic if several faces are equally close.
     """
@@ -143,7 +149,7 @@ class ClosestPoints:
         self._corners = corners
 
     def to(self, points: ArrayLike) -> SurfacePoints:
-        """Return the points of the mesh that are closest to points in space (P, 3)."""
+        """Return the point of the mesh closest to each of the points in space (P, 3)."""
         given, vertices, corners = finite_points(points), self._vertices, self._corners
         faces = np.empty(len(given), dtype=np.int64)
         barycentric = np.empty((len(given), 3))

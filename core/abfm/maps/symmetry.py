@@ -17,13 +17,15 @@ SymmetryKind = Literal["mirror", "rotation"]
 KINDS: tuple[SymmetryKind, ...] = get_args(SymmetryKind)
 TOLERANCE = 0.02
 
-_ROUNDING = 1e-6  # sqrt(area); closer points are equal
+_ROUNDING = 1e-6  # in sqrt(area); points at a smaller distance count as equal
 _MOTION_MIN = 1e-3  # RMS motion, sqrt(area); excludes reflections in the plane of a flat surface
-_PARTNERS_MAX = 60  # vertices that may be the image of one vertex
-_PARTNER_DISTANCE_MIN = 0.1  # sqrt(area), least distance of partners chosen by distance only
+_PARTNERS_MAX = 60  # largest number of vertices that are tried as the image of one vertex
+# smallest distance, in sqrt(area), between partners that are chosen by distance only
+_PARTNER_DISTANCE_MIN = 0.1
 _SCREENING_VERTICES = 64
 _REFINING_VERTICES = 400
-_AXIS_TOLERANCE = 1e-4  # 1 - cosine of the angle between equal axes: 0.8 degrees
+# axes count as equal up to this value of 1 - cosine of their angle: 0.8 degrees
+_AXIS_TOLERANCE = 1e-4
 _CANDIDATES_MAX = 12  # number of candidates that are refined
 _REFINEMENTS = 8  # iterations of a refinement
 
@@ -65,9 +67,10 @@ def detect_symmetry(
 
     Candidates are the principal axes of the surface. They are arbitrary if two moments are equal.
     Additional candidates therefore are the symmetries that map one of three vertices to another
-    vertex with the same distance from the centroid. The best candidates are refined by iterating
-    closest points and best axes (not for orders above 2), and then tested on all vertices.
-    Permutations of the vertices are preferred, then smaller errors, then larger motions.
+    vertex with the same distance from the centroid. The best candidates are refined by iterations:
+    find closest points, then fit the axis. Rotations of an order above 2 are not refined. All of
+    the best candidates are tested on all vertices. A candidate that permutes the vertices is
+    preferred to others, then one with a smaller error, then one with a larger displacement.
 
     Raises
     ------
@@ -126,7 +129,7 @@ def _search(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = principal_axes(unit)
     x = unit.vertices - centroid
-    # three vertices in independent directions, which no symmetry fixes all
+    # three vertices in independent directions, of which every symmetry moves at least one
     first = int(np.linalg.norm(x, axis=1).argmax())
     second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
     third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
@@ -145,7 +148,7 @@ def _search(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     vertices, scale = mesh.vertices, mesh.length_scale
 
     def gap(s: Symmetry) -> float:
-        """Return the largest distance between an image and its vertex of the map, in sqrt(area)."""
+        """Return the error of a symmetry, for permutations by vertices, in sqrt(area)."""
         offsets = s.apply(vertices) - vertices[s.vertex_map]
         return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
 
@@ -176,10 +179,10 @@ def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
-    """Return the axes (K, 3) of symmetries that map vertex p to a partner.
+    """Return the axes (K, 3) of the symmetries that map vertex p to one of its partners.
 
-    Partners have a similar distance from the centroid. One half of them is well spread, the other
-    half has a similar vertex area.
+    Partners are vertices whose distance from the centroid is similar to that of p. One half of them
+    is spread over the surface; the other half have a vertex area similar to that of p.
     """
     distance = np.linalg.norm(x, axis=1)
     difference = np.abs(distance - distance[p])
@@ -214,7 +217,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Return the axes whose symmetries move points but keep them closest to the surface.
+    """Return the axes whose symmetries displace points, but least away from the surface.
 
     Among axes that are equally good, those with larger motions come first.
     """
@@ -231,7 +234,7 @@ def _screened(
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
-    """Return the numbers of axes by ascending error, without near duplicates of better ones."""
+    """Return the numbers of the axes by ascending error, except near duplicates of earlier axes."""
     distinct: list[int] = []
     for i in np.argsort(errors, kind="stable"):
         if (np.abs(axes[distinct] @ axes[i]) < 1 - _AXIS_TOLERANCE).all():
@@ -242,9 +245,9 @@ def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
 def _refined(
     group: _Isometries, axes: FloatArray, centres: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Refine axes (K, 3) and points on them (K, 3); return both and the distances (K,).
+    """Refine axes (K, 3) and points on them (K, 3); return both and a distance (K,) for each axis.
 
-    The distance of an axis is the largest one of an image from the surface.
+    This is the largest distance of an image from the surface.
     """
     for remaining in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
         moved = _apply(group.linear(axes), centres[:, None], points)
