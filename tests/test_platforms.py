@@ -290,21 +290,6 @@ def _raise(error):
     raise error
 
 
-def test_script_without_a_main_guard_runs_once(tmp_path):
-    """New processes of `multiprocessing` would run the script again on Windows and macOS."""
-    script = tmp_path / "script.py"
-    lines = (
-        "print('started')",
-        "from abfm.workers.executor import Processes",
-        "with Processes(2) as executor:",
-        "    print(sum(executor.map(abs, [-1, -2, -3])))",
-    )
-    script.write_text("\n".join(lines), encoding="utf-8")
-    words = [sys.executable, os.fspath(script)]
-    done = subprocess.run(words, capture_output=True, encoding="utf-8", timeout=300, check=True)
-    assert done.stdout.split() == ["started", "6"]
-
-
 def test_no_module_forks(sources):
     """Windows cannot fork, and a fork of a process with threads may block on macOS."""
     assert sum("subprocess" in source.modules for source in sources.values()) >= 3

@@ -41,9 +41,9 @@ def set_sizes_and_save_results(matched, tmp_path):
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
     assert exporter.picture.width == pytest.approx(2000, abs=120)
-    matched.type("pixels across", "400")
-    matched.type("pixels down", "300")
-    assert size() == (400, 300)
+    matched.type("pixels across", "320")
+    matched.type("pixels down", "240")
+    assert size() == (320, 240)
     values = {"seconds": (10, 0.5), "fps": (40, 10), "from": (0.5, 0.25), "to": (1.5, 2)}
     for label, (dragged, typed) in (values | {"turntable": (90, -180)}).items():
         matched.drag(label, dragged)
@@ -65,7 +65,7 @@ def save_pictures(small, tmp_path):
     """Save pictures with and without background, and cancel a movie."""
     exported(small, "Save picture...", tmp_path / "plain.png")
     plain = Image.open(tmp_path / "plain.png")
-    assert plain.size == (400, 300)
+    assert plain.size == (320, 240)
     assert np.asarray(plain.convert("RGB"), dtype=float).std() > 5
     small.check("transparent")
     small.check("color bar", False)
@@ -89,5 +89,5 @@ def save_movies(small, tmp_path):
         with av.open(movie_path) as movie:
             frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
         assert len(frames) == 5
-        assert frames[0].shape == (300, 400, 3)
+        assert frames[0].shape == (240, 320, 3)
         assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5
