@@ -64,7 +64,7 @@ class Driver:
 
     Examples
     --------
-    >>> with Driver("mesh.off") as gui:
+    >>> with Driver("mesh.off", size=(800, 600)) as gui:
     ...     gui.click("Match")
     ...     gui.wait(lambda s: s.solver.finished, seconds=60)
     ...     gui.drag("time", 0.5)

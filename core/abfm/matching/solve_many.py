@@ -58,7 +58,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
     >>> from concurrent.futures import ThreadPoolExecutor
     >>> from abfm.assets import asset_path
     >>> mesh = abfm.load_mesh(asset_path("eight.off"))
-    >>> f, *targets = (abfm.function(mesh, f"gaussian:vertex={i},width=0.2") for i in (0, 9, 12))
+    >>> f, *targets = (abfm.function(mesh, f"gaussian:vertex={i},width=0.2") for i in (0, 2, 3))
     >>> problems = [abfm.Problem(mesh, f, g) for g in targets]
     >>> with ThreadPoolExecutor(2) as executor:
     ...     [match.mesh is mesh for match in abfm.solve_many(problems, executor)]
