@@ -48,9 +48,10 @@ def with_checked_shape(
     if values.ndim in (1, 2) and values.size and len(values) in counts_of(mesh):
         return values
     number = mesh.file_vertex_count
+    channels_text = f" or ({number}, channels)" if values.ndim > 1 else ""
     raise error(
-        f"{name} has shape {values.shape}, but {vertex_count_text(mesh)}; expected ({number},) or "
-        f"({number}, channels)"
+        f"{name} has shape {values.shape}, but {vertex_count_text(mesh)}; expected ({number},)"
+        f"{channels_text}"
     )
 
 
