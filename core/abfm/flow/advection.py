@@ -53,11 +53,11 @@ class Advection:
 
     @property
     def exponent(self) -> float:
-        """Spectral bound times time: about the number of products with ``D_v`` of an advection."""
+        """Spectral bound of ``D_v`` times time: about the number of products of an advection."""
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) to the end; return a trajectory per field, the last with the result."""
+        """Advect ``f`` (V,) along all fields; return trajectories, the last with the result."""
         trajectories: list[Trajectory] = []
         for part in self.parts:
             trajectories.append(part.forward(f, self.step, keep))
@@ -75,7 +75,7 @@ class Advection:
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 
     def at(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect a function ``f`` (V,) to each of the times (T,), (T, V); see `abfm.Flow`."""
+        """Advect a function ``f`` (V,) to each of T times, which gives (T, V); see `abfm.Flow`."""
         out = np.empty((len(times), len(f)))
         order = np.argsort(np.abs(times), kind="stable")
         ahead, back = order[times[order] >= 0], order[times[order] < 0]
@@ -99,7 +99,7 @@ class Advection:
         return out
 
     def _to_earlier_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect to negative times, each separately."""
+        """Advect ``f`` (V,) to negative times, each separately; return an array (T, V)."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):
             last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)

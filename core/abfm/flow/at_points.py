@@ -13,7 +13,7 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 
 
 def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> FloatArray:
-    """Return a field (F, 3), made continuous as for flow lines, at points (P,), (P, 3)."""
+    """Make a field (F, 3) continuous, as for flow lines, and return its vectors at P points."""
     unit = mesh.normalized()
     vectors = smooth_flow(unit, field).vectors[points.faces]
     places = np.empty((len(points.faces), 2))
@@ -25,10 +25,11 @@ def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> 
 def straightest_geodesics(
     mesh: TriangleMesh, start: SurfacePoints, vectors: FloatArray
 ) -> tuple[SurfacePoints, BoolArray]:
-    """Follow the straightest geodesics [Polthier and Schmies, 1998] from points (P,).
+    """Follow the straightest geodesics [Polthier and Schmies, 1998] from P points.
 
     The vectors (P, 3), in the planes of the faces of the points, give directions and lengths.
-    Return the ends, and which geodesics met no boundary, (P,). The others end at their start.
+    Return the end points, and a mask (P,) of the geodesics that met no boundary. Those that met one
+    end at the point where they began.
     """
     unit, faces = mesh.normalized(), start.faces.copy()
     frames = face_frames(mesh)[faces]

@@ -21,7 +21,7 @@ _RATE_GAIN_MIN = 1.5  # a smaller reduction of the rate does not justify a secon
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Return the cluster of each vertex, (V,), or None if clusters gain little.
+    """Return the number of the cluster of each vertex, shape (V,), or None if clusters save little.
 
     In each round, the pairs at the ends of the shortest edges join; a cluster joins at most one
     other cluster per round.

@@ -27,8 +27,8 @@ from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 STEP = 0.5  # largest step, in square roots of the area of the face where it begins
-STEP_LIMIT = 20_000  # steps of one point along one field; the point then stops
-_MEAN_LIMIT = 10_000  # steps of a point on average over the surface
+STEP_LIMIT = 20_000  # largest number of steps of one point along one field; the point then stops
+_MEAN_LIMIT = 10_000  # largest mean number of steps of the points of a surface
 _LENGTH_MIN = 1e-12  # shorter steps, relative to the face, are not taken
 # Points are moved by this share of the distance to the centre of their face. Otherwise rounding
 # would choose the side on which a flow line passes a vertex.
@@ -36,7 +36,7 @@ _INWARD_SHARE = 1e-10
 _CHUNK = 4096  # points between checks for cancellation: 0.2 s if each crosses a hundred faces
 _CROSSINGS = 64  # a step that crosses more edges counts as caught at a vertex
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # centres of the child faces
-# a step that lost more of its squared length has slid along the boundary
+# a step whose squared length fell below this share has slid along the boundary
 _STRAIGHT_SHARE_MIN = 1 - 1e-9
 Face: TypeAlias = int | np.int64
 
@@ -74,14 +74,14 @@ class ContinuousFlow:
     def destinations(
         self, start: SurfacePoints | None = None, t: float | None = None
     ) -> SurfacePoints:
-        """Move points along the flow to ``t``, `tau` by default; all vertices by default.
+        """Move points (default: all vertices) along the flow from 0 to ``t`` (default: `tau`).
 
         Beyond `tau` the last field continues.
         """
         return self.between(start, 0.0, self.tau if t is None else t)
 
     def origins(self, start: SurfacePoints | None = None, t: float | None = None) -> SurfacePoints:
-        """Move points back along the flow from ``t``, `tau` by default; all vertices by default.
+        """Move points (default: all vertices) back along the flow from ``t`` (default: `tau`) to 0.
 
         `pull_back` of a function at the origins gives the function advected to ``t``.
         """
@@ -101,7 +101,7 @@ class ContinuousFlow:
         return self._walked(start, spans)
 
     def _spans(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return the fields between ascending times, by number, with the duration of each."""
+        """Return the numbers of the fields between two ascending times, and their durations."""
         if not 0 <= begin <= end < math.inf:
             raise ParameterError(
                 f"flow lines start at time {begin:g} and end at time {end:g}; expected finite "
@@ -120,7 +120,7 @@ class ContinuousFlow:
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
-        """Return a field made continuous, at corners (F, 3) and for flow lines (cached)."""
+        """Return field ``j`` made continuous (cached), at corners (F, 3) and for flow lines."""
         cached = self._cache
         if cached is None or cached[0] != j:
             unit = refined(self.mesh, self._refined).normalized()
@@ -129,7 +129,7 @@ class ContinuousFlow:
         return cached[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
-        """Move points along fields, given by number, each for a time of either sign."""
+        """Move points along fields; ``spans`` has their numbers and times of either sign."""
         mesh, k = self.mesh, self._refined
         faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
         faces, barycentric = to_children(faces, barycentric, k)
@@ -156,18 +156,19 @@ class ContinuousFlow:
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field for flow lines; places are in face frames, whose origin is corner 0."""
+    """A continuous field, prepared for flow lines. Places are in frames with corner 0 as origin."""
 
     vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     gradients: FloatArray  # (F, 3, 2), gradients of the hat functions
     # (F, 3, 4), map to the frame behind the edge opposite each corner: cosine, sine, and shift
     unfolding: FloatArray
-    # (F, 3), slot 3 f + k on the other side of that edge, -1 on the boundary
+    # (F, 3), slot 3 f + k (corner k of face f) opposite that edge in the next face; -1 at a
+    # boundary
     neighbours: IndexArray
 
 
 class Walker(NamedTuple):
-    """A place (x, y) in the frame of a face (-1 beyond a boundary), and a vector (u, v) there."""
+    """A point (x, y) in the frame of a face, and a vector (u, v) there; face -1 is off the mesh."""
 
     face: Face
     x: float
@@ -177,12 +178,15 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep no speed."""
+    """Make a field (F, 3) continuous; faces where the field is zero remain zero.
+
+    Lengths of the result are in units of ``unit``.
+    """
     return from_corners(mesh, corner_vectors(mesh, field), unit)
 
 
 def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> SmoothFlow:
-    """Prepare flow lines of the field with the `corner_vectors` (F, 3)."""
+    """Prepare flow lines of the continuous field that has given `corner_vectors` (F, 3)."""
     gradients, unfolding = hat_gradients(mesh), _unfolding(mesh)
     if unit != 1.0:
         gradients, unfolding = gradients * unit, unfolding / [1.0, 1.0, unit, unit]
@@ -202,7 +206,7 @@ def _unfolding(mesh: TriangleMesh) -> FloatArray:
 
 
 def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Return a field (F, 3), made continuous, at the face centres of the subdivided mesh."""
+    """Make a field (F, 3) continuous; return vectors (4 F, 3) in faces of the subdivided mesh."""
     vectors, corners = smooth_flow(mesh, field).vectors, mesh.vertices[mesh.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(mesh))
     places = np.einsum("qc,fck->fqk", _CENTRES[:, 1:], sides)
@@ -211,12 +215,18 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
-    """Return angles between vectors and corner middles, over corner angles; infinite for zeros."""
+    """Return the angles from vectors to the middles of their corners, over the corners' angles.
+
+    All arrays have shape (F, 3). The result is infinite for zero vectors.
+    """
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 
 def downstream_slots(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
-    """Return each vertex's slot ``3 f + k`` in the face that its `corner_vectors` lead into."""
+    """Return, for each vertex, the face into which its `corner_vectors` lead, as a slot (V,).
+
+    Slot ``3 f + k`` is corner k of face f.
+    """
     around = corners(mesh)
     off = angular_offsets(vectors, around.middles, around.angles)
     slots = np.argsort(-off, axis=None, kind="stable")
@@ -240,7 +250,7 @@ def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, flo
 
 @kernel
 def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walker:
-    """Set a walker's vector to ``step`` times the field halfway along it (the midpoint rule).
+    """Set a walker's vector to ``step`` times the field halfway along it, the midpoint rule.
 
     The vector is given in the frame of the walker's face. Beyond a boundary the face is -1, unless
     ``slide`` allows the walker to slide along it.
@@ -300,7 +310,7 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
 def enter(
     gradients: FloatArray, faces: IndexArray, barycentric: FloatArray, places: FloatArray
 ) -> None:
-    """Write places (P, 2) in face frames of points with weights (P, 3), moved slightly inwards."""
+    """Convert weights (P, 3) of points to places (P, 2) in face frames, moved slightly inwards."""
     for i in range(faces.size):
         (a, b), (c, d) = gradients[faces[i], 1], gradients[faces[i], 2]
         second = (1 - _INWARD_SHARE) * barycentric[i, 1] + _INWARD_SHARE / 3
@@ -314,7 +324,7 @@ def enter(
 def leave(
     gradients: FloatArray, faces: IndexArray, places: FloatArray, barycentric: FloatArray
 ) -> None:
-    """Write weights (P, 3), not negative, of places (P, 2) in face frames."""
+    """Convert places (P, 2) in face frames to barycentric weights (P, 3), not negative."""
     for i in range(faces.size):
         total = 0.0
         for c in range(3):

@@ -23,20 +23,23 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 
 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
-    """Return a field (F, 3) made continuous, at corners (F, 3); 0 where the field is 0."""
+    """Make a field continuous; return its vectors at corners, 0 in faces where the field is 0.
+
+    The field has shape (F, 3) in space. The result (F, 3) has a complex number for each corner.
+    """
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
 
 def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Return the vectors at corners (F, 3) fitted to vectors in faces (F,)."""
+    """Return the vectors at corners, shape (F, 3), fitted to the vectors in faces, shape (F,)."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.weights * vectors[:, None])[mesh.corner_fans]
     return np.asarray(np.conj(fit.rotations) * found)
 
 
 def fitted_adjoint(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Apply the adjoint of `fitted` to vectors at corners (F, 3); return vectors in faces (F,)."""
+    """Apply the adjoint of `fitted` to vectors (F, 3) at corners; return vectors (F,) in faces."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.rotations * vectors)[mesh.corner_fans]
     return np.asarray((np.conj(fit.weights) * found).sum(axis=1))
@@ -107,7 +110,7 @@ def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
 
 
 def _is_closed(mesh: TriangleMesh) -> BoolArray:
-    """Return which fans of faces go all around their vertex."""
+    """Return, for each fan of faces, whether it goes all around its vertex."""
     fans = mesh.corner_fans
     open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
     faces, corner = np.divmod(open_slots, 3)
@@ -119,7 +122,10 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 
 @kernel
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
-    """Replace negative angles (F, 3) by those from the start of each fan to its corner middles."""
+    """Replace negative entries of ``turns`` (F, 3) by the angles to the middles of the corners.
+
+    The angles at a vertex are measured from the first face of its fan.
+    """
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:
             continue
@@ -136,14 +142,14 @@ def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> Non
 
 @kernel
 def adjacent_slot(neighbours: IndexArray, slot: int, turn: int) -> int:
-    """Return the vertex's slot in the next face, to the left (1) or right (2), or -1."""
+    """Return the slot of the same vertex in the next face, to the left (1) or right (2), or -1."""
     other = neighbours[slot // 3, (slot + turn) % 3]
     return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
 
 
 @kernel
 def clockwise_end(neighbours: IndexArray, slot: int) -> int:
-    """Return the first slot of a vertex's fan of faces, or this slot if the fan is closed."""
+    """Return the first slot in the fan of faces at a vertex, or ``slot`` if the fan is closed."""
     here, before = slot, adjacent_slot(neighbours, slot, 2)
     while before >= 0 and before != slot:
         here, before = before, adjacent_slot(neighbours, before, 2)

@@ -58,11 +58,11 @@ class DerivativePattern:
         return len(self.indptr) - 1
 
     def restricted(self, f: FloatArray) -> FloatArray:
-        """Return a function (V,) in the pattern's order, as means over clusters."""
+        """Return a function (V,) in the pattern's order, as means over clusters if it has any."""
         return f[self.order] if self.shares is None else self._summed(self.shares * f)
 
     def extended(self, f: FloatArray) -> FloatArray:
-        """Return a function in the pattern's order on the vertices (V,)."""
+        """Return a function of the pattern's order at the vertices of the mesh, shape (V,)."""
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
@@ -87,13 +87,13 @@ class DerivativePattern:
         return values.ravel()[self.transpose].reshape(values.shape)
 
     def product(self, values: FloatArray, f: FloatArray) -> FloatArray:
-        """Multiply the matrix of these entries with a function, both in the pattern's order."""
+        """Multiply the matrix with these entries by a function, both in the pattern's order."""
         out = np.empty_like(f)
         grouped_product(self.indptr, self.indices, values, f, out)
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Add a derivative by entries of ``D_v``, as one by ``v``, to ``out`` (F, 2)."""
+        """Convert a derivative by entries of ``D_v`` to one by ``v``; add it to ``out`` (F, 2)."""
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 
@@ -172,7 +172,7 @@ def _pattern(
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
-    """Return the bounds of blocks; a block has all neighbours of the block before it."""
+    """Return the bounds of blocks of rows; each block has all neighbours of the block before it."""
     count = len(indptr) - 1
     if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])

@@ -31,7 +31,7 @@ TOLERANCE = 1e-10  # default truncation of the series
 _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
 _PRODUCTS_MIN = 2.0  # segments with fewer products are not split, as this would not help
-_BOUND_MIN = 1e-100  # a zero field still needs a positive rho for its derivative
+_BOUND_MIN = 1e-100  # smallest rho; a zero field also needs a positive rho for its derivative
 _MEMORY = 70_000_000  # numbers in the stored terms of a series
 # Segment lengths in products. Shorter segments spend more than half of them on the tail.
 _SHORT_SEGMENT = 30.0
@@ -93,7 +93,7 @@ class Workspace:
 
     @cached_property
     def rolling(self) -> FloatArray:
-        """The last three terms of a series that does not store its terms, (3, size)."""
+        """The last three terms, shape (3, size), of a series that does not store its terms."""
         return np.empty((3, self.size))
 
     @cached_property
@@ -102,7 +102,7 @@ class Workspace:
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
-        """Return whether this number of further rows fits; the first block is scratch memory."""
+        """Return whether this number of more rows fits; the first block is for temporary data."""
         return self.used - self.block + rows <= self.capacity
 
     def take(self, rows: int) -> FloatArray | None:
@@ -253,7 +253,7 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` to times (T,), ordered away from zero, (T, V), by a series per segment."""
+        """Advect ``f`` to T times, ordered away from zero, by a series per segment, to (T, V)."""
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)

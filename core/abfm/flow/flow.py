@@ -26,9 +26,10 @@ from abfm.types import FloatArray
 
 
 def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterator[PointMap]:
-    """Map vertices to the origins of their values at each of the times (T,).
+    """Yield, for each of T times, the map of vertices to the origins of their values.
 
-    With ``inverse``, map vertices to their destinations; negative times exchange the two. Points
+    The origin of a value is the point from which the flow advects it to the vertex. With
+    ``inverse``, vertices are mapped to their destinations; negative times exchange the two. Points
     continue from the previous time if it is smaller and they move forward, or backward along a
     single field.
     """
@@ -46,7 +47,7 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
 
 
 def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> SurfaceMap:
-    """Return the map of points that `flow_maps` applies to the vertices."""
+    """Return the function that takes points and returns their images under a map of `flow_maps`."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
 
@@ -125,10 +126,10 @@ class Flow:
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
-        """Advect a function (V,) or (V, C) to time ``t`` (tau by default), in the same shape.
+        """Advect a function to time ``t`` (tau by default).
 
-        For several times (T,) the result is (T, ...). One pass over several times is much faster
-        than separate calls.
+        The function and the result have shape (V,) or (V, C). For T times, the result has shape (T,
+        V) or (T, V, C). One pass over several times is much faster than separate calls.
 
         Raises
         ------
@@ -161,7 +162,7 @@ class Flow:
         return found
 
     def point_maps(self, times: ArrayLike, inverse: bool = False) -> Iterator[PointMap]:
-        """Return the maps of several times (T,), one after the other.
+        """Yield the maps of `point_map` for each of T times.
 
         For ascending times, points continue from the previous map instead of zero where that is
         possible.
@@ -187,14 +188,16 @@ class Flow:
         return self.point_map(t, inverse=True).distortion()
 
     def round_trip(self, t: float | None = None) -> RoundTrip:
-        """Measure the distance between each vertex and its return, in edges.
+        """Measure the error of a round trip, in mean edge lengths.
+
+        A round trip is the map of time ``t``, followed by its inverse map.
 
         See `abfm.maps.round_trip`.
         """
         return self._round_trip(self.point_map(t, inverse=True), t)
 
     def map_quality(self, t: float | None = None) -> FlowMapQuality:
-        """Measure the distortion of the map of time ``t`` and the error of the return."""
+        """Measure the distortion of the map of time ``t``, and the error of its round trip."""
         there = self.point_map(t, inverse=True)
         return FlowMapQuality(there.distortion(), self._round_trip(there, t))
 
@@ -203,9 +206,10 @@ class Flow:
         return round_trip(there, back)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow to time ``t`` on the first k eigenfunctions, (k, k) (section 4).
+        """Return the flow to time ``t`` as a functional map of k eigenfunctions, shape (k, k).
 
-        The functional map is the matrix ``Phi^+ exp(-t D_v) Phi``; ``t`` is tau by default.
+        The functional map is the matrix ``Phi^+ exp(-t D_v) Phi`` (section 4 of the paper); ``t``
+        is tau by default.
         """
         basis = unit_eigenbasis(self.mesh, k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)

@@ -41,7 +41,7 @@ _CROSSINGS = 64  # edges that a step may cross, as in `continuous_flow`
 class Tape(NamedTuple):
     """The record of S steps of L flow lines along one field."""
 
-    faces: IndexArray  # (L, S, 2), faces at the start of a step and halfway
+    faces: IndexArray  # (L, S, 2), faces at the beginning of a step and halfway
     weights: FloatArray  # (L, S, 2, 3), barycentric weights of these places
     # (L, S, 3, 2, 2), derivatives of the end of a step: by its start, and by the field's vectors
     # there and halfway
@@ -88,7 +88,7 @@ class FlowLineDerivative:
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
 
     def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
-        """Return the derivative by the fields, (N, F, 2), of a function of the end points.
+        """Return the derivative, shape (N, F, 2), of a function of the end points by the fields.
 
         ``slopes`` (L, 2) are its derivatives by the end points, in the frames of their faces.
         """
@@ -114,7 +114,7 @@ class FlowLineDerivative:
         return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
-        """Return the derivative of the ends of a walk, in face frames, by fields, (2 L, N F 2)."""
+        """Return the derivative (2 L, 2 N F) of the end points, in face frames, by the fields."""
         rows, zeros = [], np.zeros((len(self.points.faces), 2))
         for row in range(zeros.size):
             checkpoint()
@@ -298,7 +298,7 @@ def follow(
 
 @kernel
 def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
-    """Propagate slopes (L, 2) from the ends of flow lines back to their starts.
+    """Propagate the derivatives (L, 2) by the ends of L flow lines back to their first points.
 
     The derivatives by the field's vectors at corners are added to ``at_corners`` (F, 3, 2).
     """

@@ -24,7 +24,7 @@ from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
-STEP_LIMIT = 100_000  # edges and vertices that a path may cross
+STEP_LIMIT = 100_000  # largest number of edges and vertices that a path may cross
 AT_VERTEX = 1.0 - 1e-12  # smallest weight of one corner of a walker at that vertex
 _RATE_MAX = 1e150  # faces per unit of time; the product of two rates is still finite
 MOVING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
@@ -124,7 +124,7 @@ class Path(NamedTuple):
 def _walked(
     face: int, start: FloatArray, spans: list[tuple[FaceFlow, float, float]], path: Path
 ) -> tuple[int, int]:
-    """Trace along fields between times; return the number of places and the final state."""
+    """Trace a walker along fields; return the number of its places and its final state."""
     where, b = np.array([face, -1]), start.copy()
     count, status = 0, STAGNATION_STATE
     for flow, begin, end in spans:
@@ -157,9 +157,10 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed, in edges, along an edge to which the fields of both its faces point.
+    """Return the speed of sliding along an edge to which the fields of both its faces point.
 
-    Positive speeds lead from corner ``c + 1`` to ``c + 2`` of face ``f``.
+    The speed is in edges per unit of time. Positive speeds lead from corner ``c + 1`` to ``c + 2``
+    of face ``f``.
     """
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
@@ -189,7 +190,10 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Move a walker at a corner to the fastest continuation, in edges or heights per time."""
+    """Move a walker at a corner into the face, or onto the edge, along which it leaves fastest.
+
+    Speeds are compared in edges or heights of faces per unit of time.
+    """
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False

@@ -311,7 +311,10 @@ def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labe
 
 
 def _table(labels: Labels) -> IntArray:
-    """Return red, green, blue and transparency of each name, (n, 4), all different, none black."""
+    """Return red, green, blue and transparency of each name, shape (n, 4).
+
+    All colours differ, and none is black.
+    """
     used, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)
@@ -326,7 +329,7 @@ def _table(labels: Labels) -> IntArray:
 
 
 def _keys(labels: Labels) -> IntArray:
-    """Return the keys of vertices, (n,); raise a ResultError if the labels cannot be written."""
+    """Return the key of each vertex, shape (n,), or raise a ResultError for invalid labels."""
     if not isinstance(labels, Labels):
         raise ResultError(
             f"labels are {brief(labels)}; expected Labels, as returned by read_labels"

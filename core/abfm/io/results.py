@@ -28,10 +28,10 @@ REMEDY = "Compute the result again, or use another copy of the file"
 SIZE_MAX = 1e154
 """Largest value of functions, and of fields in units of ``length_scale``; larger squares overflow.
 """
-# largest number of unused vertices of the mesh file; vertex maps have a line for each of them
+# largest number of vertices of the mesh file that no face uses; vertex maps have a line for each
 _DROPPED_VERTICES_MAX = 10_000_000
-_REASON_LENGTH_MAX = 400  # characters of a reason
-_TEXT_LENGTH_MAX = 10_000  # characters of a text
+_REASON_LENGTH_MAX = 400  # largest number of characters of a reason in a message
+_TEXT_LENGTH_MAX = 10_000  # largest number of characters of a text in a file
 _FILE_BYTES_MAX = 1 << 40  # results of thousands of frames exceed the limit for other files
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
@@ -262,7 +262,10 @@ def has_format_version(archive: Mapping[str, Any]) -> bool:
 
 
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
-    """Raise a ResultError for another format, or a ValueError if it is not a version."""
+    """Raise a ResultError if the version of the format is not ``current``.
+
+    ValueError if it is not an integer.
+    """
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
     if version != current:
@@ -394,7 +397,7 @@ def save_with_fallback(path: Path, found: Saved) -> str:
 
 
 def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a kind of file as float64, float32, int64, bool or unicode.
+    """Read the arrays of a file of a given kind as float64, float32, int64, bool or unicode.
 
     Raises
     ------

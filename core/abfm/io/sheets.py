@@ -28,7 +28,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """Checkerboard by texture coordinates (V, 2), in which one unit spans two squares."""
+    """A checkerboard by texture coordinates (V, 2), where one unit spans two squares."""
 
     coordinates: FloatArray
 
@@ -44,13 +44,13 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface; pictures of the same mesh in a sheet share a camera."""
+    """A picture of a surface; pictures of the same mesh in a figure share a camera."""
 
     mesh: TriangleMesh
     paint: Values | Coordinates | Checker | Streaks
     label: str
     frame: Frame = "other"
-    points: FloatArray | None = None  # (P, 3), each drawn in a colour, the same in all panels
+    points: FloatArray | None = None  # (P, 3), points; point i has the same colour in all panels
     lines: tuple[FloatArray, ...] = ()  # lines on the surface, (K, 3)
     arrows: FloatArray | None = None  # a field, (F, 3)
     determined: FloatArray | None = None  # (F,) certainty from 0 to 1, the opacity of arrows
@@ -70,7 +70,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves with axes; the width is in panels, and curves are cut off above `top`."""
+    """A plot of curves; its width is counted in panels, and curves are cut off above ``top``."""
 
     curves: tuple[Curve, ...]
     x_title: str

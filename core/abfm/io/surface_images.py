@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 
 
 def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]:
-    """Return the mesh and values, (V,) or (V, T), of each part of nilearn's ``SurfaceImage``.
+    """Return the mesh of each part of nilearn's ``SurfaceImage``, and its values (V,) or (V, T).
 
     Parts are named ``left`` and ``right``. Vertices that no face uses are dropped, with their
     values.
@@ -51,7 +51,7 @@ def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]
 
 
 def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any:
-    """Return nilearn's ``SurfaceImage`` of meshes with values, (V,) or (V, T).
+    """Return nilearn's ``SurfaceImage`` of meshes and their values, shape (V,) or (V, T).
 
     Parameters
     ----------

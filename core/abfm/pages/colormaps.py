@@ -79,7 +79,7 @@ def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
-    """Return the colours of a map from low to high, (size, 3), sRGB in 0 to 1."""
+    """Return the colours of a map from low to high, shape (size, 3), as sRGB from 0 to 1."""
     linear = linear_table(colormap, size)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -98,7 +98,7 @@ def gradient(colormap: str) -> list[str]:
 
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
-    """Return the colours of values (N,) in linear light, (N, 3); unknown values are grey."""
+    """Return the colours (N, 3), in linear light, of values (N,); unknown values are grey."""
     table = linear_table(colors.colormap, _TABLE_ENTRIES)
     share = (values - colors.low) / (colors.high - colors.low)
     entries = np.clip(np.nan_to_num(share) * (_TABLE_ENTRIES - 1) + 0.5, 0, _TABLE_ENTRIES - 1)

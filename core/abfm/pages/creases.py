@@ -26,7 +26,10 @@ class DrawnMesh:
     faces: IntArray  # (F, 3): faces of the mesh, with drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values (V, ...) at drawn vertices, (D, ...); the same array without splits."""
+        """Return values (V, ...) of the mesh at drawn vertices, shape (D, ...).
+
+        Without splits, the result is the same array.
+        """
         return values if len(self.origin) == len(values) else values[self.origin]
 
 

@@ -95,7 +95,7 @@ def best_front(
 
 
 def changes_in_time(frames: FloatArray) -> FloatArray:
-    """Return the variance in time of frames (T, V, C), summed over channels, (V,).
+    """Return the variance in time of frames (T, V, C), summed over channels, shape (V,).
 
     Each channel is divided by its maximum. Values that are not finite have variance 0. Very long
     sequences are subsampled.

@@ -33,7 +33,7 @@ from abfm.workers.progress import step
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
 _COLORS = 256  # entries of a colour map
 _PLAY_SECONDS = (0.1, 3600.0)  # minimum and maximum duration of playing
-_TAIL_MAX = 1e30  # length of a tail that never fades
+_TAIL_MAX = 1e30  # duration of a tail that never fades
 
 Color = tuple[float, float, float]  # red, green and blue in sRGB, 0 to 1
 
@@ -140,7 +140,7 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Times of a page, and the seconds that playing takes at speed 1."""
+    """Times of a page, and the duration of playing at speed 1, in seconds."""
 
     start: float
     end: float

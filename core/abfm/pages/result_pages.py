@@ -184,7 +184,7 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
 
 
 def _layers(found: Population, c: int) -> list[Layer]:
-    """Return the two means of a channel, in one range of colours, and its deviation."""
+    """Return layers of a channel: both means, in one colour range, and standard deviation."""
     means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
     name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
     of_means = typical_range(*means)
@@ -222,7 +222,7 @@ def _moving(
 ) -> list[Layer]:
     """Return the advected functions at uniform times from 0 to tau.
 
-    If only landmarks are matched, ``start`` is advected, by default the coordinates.
+    If only landmarks are matched, the function ``start`` is advected, by default the coordinates.
     """
     budget = int(share * _VALUES_MAX) // (len(match.mesh.vertices) * len(shown))
     times = np.linspace(0, match.parameters.tau, min(max(budget, _KEYS[0]), _KEYS[1]))
@@ -257,7 +257,7 @@ def _lines(match: Match, share: float) -> list[Paths]:
 
 
 def _flow_line_paths(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
-    """Return flow lines at uniform times; after an early end, the last point repeats."""
+    """Return flow lines at uniform times; if a line ends early, its last point is repeated."""
     tau = match.parameters.tau
     found, lines = [], []
     with step("flow lines"), suppress(AbfmError):  # flow lines over too many faces raise an error

@@ -44,7 +44,10 @@ class PointPath:
     points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
-        """Return the position (3,) at a time, with ``slack`` at both ends; None at other times."""
+        """Return the position (3,) at a time; None if the path does not exist then.
+
+        Times up to ``slack`` before the first and after the last one are accepted.
+        """
         if not self.times[0] - slack <= time <= self.times[-1] + slack:
             return None
         places = self.points.positions

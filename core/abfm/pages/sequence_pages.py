@@ -34,12 +34,12 @@ PLAY_SECONDS_MAX = 30.0
 _TAIL_SHARE = 0.2  # a track stays visible behind its point for this share of the duration
 _PATH_LINES_MAX = 140
 _PATH_PIECES_MAX = 15_000  # pieces of all path lines together
-_PATH_INTERVALS = 10  # intervals after which a path line restarts
+_PATH_INTERVALS = 10  # number of intervals after which a path line begins again at its first point
 _ARROWS_PER_INTERVAL_MAX = 480
 _ARROWS_MAX = 40_000  # number of arrows in all intervals together
-_ARROW_LENGTH_MAX = 0.92  # length of an arrow over the distance between two arrows
-_ARROW_SPEED_MIN = 0.2  # speed over that of the longest arrow; slower ones are omitted
-_ARROW_COSINE_MIN = 0.6  # least cosine of the angle between normals along an arrow
+_ARROW_LENGTH_MAX = 0.92  # largest length of an arrow, relative to the distance between two arrows
+_ARROW_SPEED_MIN = 0.2  # smallest drawn speed, relative to that of the longest arrow
+_ARROW_COSINE_MIN = 0.6  # smallest cosine of the angle between the surface normals along an arrow
 _COLOR_PERCENTILE = 99.5  # percentile of absolute values at the ends of the colours
 _INK_COLOR: Color = (0.11, 0.13, 0.17)
 
@@ -238,7 +238,8 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
 def _path_lines(sequence: sequences.Sequence) -> Paths:
     """Return path lines from points distributed over the surface.
 
-    Each path line restarts after `_PATH_INTERVALS` intervals, at different times.
+    Each path line begins again at its first point after `_PATH_INTERVALS` intervals. Path lines do
+    so at different times.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))

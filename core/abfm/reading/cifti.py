@@ -71,7 +71,7 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
     vertices = np.array(list(model.vertex_indices), dtype=np.int64)
     if not 0 <= begin <= begin + count <= len(table) or len(vertices) != count:
         raise ValueError(
-            f"the hemisphere has {len(vertices)} vertices but rows {begin} to {begin + count} of "
+            f"the hemisphere has {len(vertices)} vertices, but rows {begin} to {begin + count} of "
             f"{len(table)}; the file may be damaged"
         )
     maps = matrix.get_index_map(1 - axis)
@@ -96,7 +96,8 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
 def _header(data: bytes) -> Any:
     if len(data) < _HEADER_BYTES:
         raise ValueError(
-            f"the file is cut off: it has {len(data)} bytes, but the header has {_HEADER_BYTES}"
+            f"the file is cut off: it has {len(data)} bytes, but its header "
+            f"alone has {_HEADER_BYTES}"
         )
     nifti: Any = import_module("nibabel.nifti2")  # the import is slow, and types are incomplete
     return nifti.Nifti2Header(data[:_HEADER_BYTES], check=False)
@@ -190,7 +191,9 @@ def _scaled(numbers: NDArray[Any], head: Any) -> FloatArray:
 
 
 def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
-    """Return an image (columns, rows, slices, frames) and the seconds between frames, or NaN.
+    """Return an image and the seconds between its frames, or NaN if the file has no time.
+
+    The axes of the image are columns, rows, slices and frames.
 
     Errors are those of `read_cifti`.
     """
@@ -199,7 +202,8 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     kind = nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header
     if len(data) < kind.sizeof_hdr:
         raise ValueError(
-            f"the file is cut off: it has {len(data)} bytes, but the header has {kind.sizeof_hdr}"
+            f"the file is cut off: it has {len(data)} bytes, but its header "
+            f"alone has {kind.sizeof_hdr}"
         )
     head = kind(data[: kind.sizeof_hdr], check=False)
     shape = tuple(map(int, head.get_data_shape()))
@@ -209,7 +213,7 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
 
 
 def frame_seconds(head: Any) -> float:
-    """Return the seconds between the frames of an image from its nibabel header, or NaN."""
+    """Return the seconds between frames according to a nibabel header, or NaN if it has no time."""
     steps = head.get_zooms()
     unit = head.get_xyzt_units()[1] if hasattr(head, "get_xyzt_units") else "msec"  # .mgh
     return _SECONDS.get(unit, math.nan) * float(steps[3]) if len(steps) > 3 else math.nan

@@ -66,7 +66,7 @@ class Columns:
     vertices: IntArray | None = None  # (n,), vertices of the rows, from 0, without repetitions
     vertex_count: int | None = None  # number of vertices of the surface, if the file has it
     structure: str = ""  # "L", "R", or empty if the file does not name a hemisphere
-    frames_first: bool = False  # first axis is that of frames if both axes may be the vertices
+    frames_first: bool = False  # first axis is that of frames if both axes fit the vertices
     times: FloatArray | None = None  # (T,), times of the columns in seconds
     notes: tuple[str, ...] = ()  # notes for the user
 

@@ -71,7 +71,7 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
 
 
 def freesurfer_values(data: bytes) -> FloatArray:
-    """Read the values at vertices, (n,), of a file such as ``lh.sulc``, in the new or old format.
+    """Read the values (n,) at the vertices from a file such as ``lh.sulc``, new or old format.
 
     ValueError if the file is not a file of values, or its size is wrong.
     """
@@ -209,7 +209,8 @@ class _BytesReader:
     def skip(self, to: int) -> None:
         if to > len(self._data):
             raise ValueError(
-                f"the file is cut off: it has {len(self._data)} bytes, but the header has {to}"
+                f"the file is cut off: it has {len(self._data)} bytes, but its header "
+                f"alone has {to}"
             )
         self._begin = to
 
@@ -256,7 +257,7 @@ def _table(reader: _BytesReader) -> list[tuple[int, str, tuple[int, int, int, in
     reader.text()  # the file that the table was read from
     count = count if version == 1 else reader.count("colours")
     found = []
-    for place in range(count):  # a wrong count ends with an error when bytes are missing
+    for place in range(count):  # if the count is wrong, bytes are missing, which raises an error
         key = place if version == 1 else reader.count("as the number of a colour")
         name = reader.text()
         red, green, blue, clear = (reader.number() for _ in range(4))

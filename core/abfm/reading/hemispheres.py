@@ -16,7 +16,7 @@ _IMAGING = re.compile(
 
 
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
-    """Return "L" or "R" if the name of a file contains the hemisphere; None if not, or if both.
+    """Return "L" or "R" if the name of a file contains one hemisphere; None for no or both ones.
 
     A name contains the left one if a word between dots and underscores is ``hemi-L``, ``lh``, ``L``
     or ``left``, or ends with ``-lh``.

@@ -22,7 +22,9 @@ _HEAD = struct.Struct(">ffI")
 def read_stc(data: bytes) -> Columns:
     """Read one hemisphere, with a column for each time; raise a ValueError for invalid files."""
     if len(data) < _HEAD.size:
-        raise ValueError(f"the file is cut off: it has {len(data)} bytes, but the header has 12")
+        raise ValueError(
+            f"the file is cut off: it has {len(data)} bytes, but its header alone has 12"
+        )
     begin, step, count = _HEAD.unpack_from(data)
     end = _HEAD.size + 4 * count
     if end + 4 > len(data):

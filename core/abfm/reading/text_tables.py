@@ -38,7 +38,7 @@ _ADVICE = "write decimal points, or separate the columns by semicolons"
 
 
 class Rows(NamedTuple):
-    """Cells of each line, and the separator of cells; None for blanks."""
+    """Cells of each line of a table, and the separator of cells; None if blanks separate cells."""
 
     cells: Iterator[list[str]]
     separator: str | None
@@ -222,7 +222,7 @@ def _lines(text: str, comments: str | None) -> Iterator[str]:
 
 
 def _separator(line: str) -> str | None:
-    """Return the separator of the cells of a line; None for blanks."""
+    """Return the separator of the cells of a line; None if blanks separate cells."""
     outside = _QUOTED_TEXT.sub("0", line)
     found = next((sign for sign in _SEPARATORS if sign in outside), None)
     if found != ",":
@@ -251,7 +251,7 @@ def is_number(text: str) -> bool:
 
 
 def _are_numbers(cells: list[str]) -> bool:
-    """Return whether a first line has numbers, some of which may be missing, and no names."""
+    """Return whether a first line has numbers, some of which may be missing, instead of names."""
     words = (*_MISSING_VALUES, *_TRUTH)
     present = cells if cells[-1] else cells[:-1]
     return all(is_number(cell) or cell.lower() in words for cell in present)

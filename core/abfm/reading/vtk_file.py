@@ -44,10 +44,11 @@ class PointData(Mapping[str, NDArray[Any]]):
 
 
 class VtkFile(NamedTuple):
-    """Points (n, 3), a function that returns the polygons, point data, and time of a file.
+    """Contents of a VTK file: points (n, 3), polygons, point data and time.
 
-    The time is NaN if there is none. The function ``polygons`` raises a ValueError if cells are
-    damaged or not part of a surface. Files of values may have no polygons.
+    The time is NaN if there is none. ``polygons`` is a function without arguments that returns the
+    polygons; it raises a ValueError if cells are damaged or not part of a surface. Files of values
+    may have no polygons.
     """
 
     points: FloatArray

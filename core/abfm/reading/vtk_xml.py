@@ -52,7 +52,7 @@ _END = b"</AppendedData>"
 _BLOCKS_MAX = 1 << 24
 
 Beginning = Callable[[int, int], bytes]
-"""Function of the size of the header and of the total size, which returns that many bytes."""
+"""Function that takes the size of the header and the total size, and returns that many bytes."""
 
 
 def xml_contents(content: bytes) -> VtkFile:
@@ -158,7 +158,7 @@ class _File:
         return found
 
     def values(self, array: Element, count: int) -> FloatArray:
-        """Return the numbers of a data array, (count, C)."""
+        """Return the numbers of a data array, shape (count, C)."""
         name, form = brief(array.get("Name", "")), array.get("format", "ascii")
         columns = count_in(array, "NumberOfComponents", "1")
         kind = choice_in(array, "type", _TYPES)

@@ -58,11 +58,14 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, (count,); ValueError about ``of`` if fewer follow."""
+        """Return the next numbers, shape (count,).
+
+        ValueError if fewer follow; its message names ``of``, the numbers that are read.
+        """
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:
-        """Return the next integers, (count,), or all that follow if ``count`` is None."""
+        """Return the next integers, shape (count,), or all that follow if ``count`` is None."""
         return np.frombuffer(self._read(array("q"), integer, count, of), np.int64)
 
     def _read(
@@ -94,8 +97,8 @@ class Words:
 def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:
     """Split numbers (n,) into lists; each list follows its length.
 
-    ``count`` is the number of lists, by default as many as there are. Return the length of each
-    list, (count,), and the concatenated entries of the lists, (n - count,). ValueError if the
+    ``count`` is the number of lists, by default as many as there are. Return the lengths of the
+    lists, shape (count,), and their concatenated entries, shape (n - count,). ValueError if the
     number of entries is not that of the lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0

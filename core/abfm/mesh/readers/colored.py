@@ -30,7 +30,7 @@ class ColoredFaces(NamedTuple):
     vertices: FloatArray
     faces: IntArray
     coordinates: FloatArray
-    """(F, 3, 2) to the right and up, from 0 to 1 over the image; NaN if there are none."""
+    """Texture coordinates (F, 3, 2): right and up, from 0 to 1 over the image; NaN if missing."""
     colors: FloatArray  # (F, 3, 4) factors of the colour of the material
     owners: IntArray  # (F,) the material of each face
     materials: tuple[Material, ...]

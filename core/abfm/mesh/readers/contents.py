@@ -15,7 +15,7 @@ _CHUNK_CORNERS = 1 << 15  # number of corners processed together; they fit the C
 # limit of the sum of squared numbers of corners over clipped polygons; it takes some seconds
 _WORK_MAX = 2e8
 _WORK_PER_CORNER = 30
-_FLATNESS = 1e-12  # twice the area of a flat triangle over its longest side squared
+_FLATNESS = 1e-12  # of flat triangles: twice the area over the squared longest side
 _SPLIT = "Split polygons into triangles in the program that made them"
 
 
@@ -29,7 +29,7 @@ class FileContents(NamedTuple):
 
 
 class Lists:
-    """Vertices and polygons of a text file, in 24 bytes a vertex and 8 a polygon and corner."""
+    """Vertices and polygons of a text file, in 24 bytes a vertex, 8 a polygon and 8 a corner."""
 
     def __init__(self) -> None:
         self._points, self._sizes, self._corners = array("d"), array("q"), array("q")
@@ -164,7 +164,7 @@ def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntAr
 
 
 def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArray]:
-    """Return whether the fan of each polygon (P,) is wrong, and the normals (P, 3) of polygons.
+    """Return a mask (P,) of the polygons with wrong fans, and the normals (P, 3) of polygons.
 
     A fan is wrong if one of its triangles is flat, or if its normal is opposite to that of the
     polygon. Polygons without area have no better triangles: their fans are accepted.
@@ -181,7 +181,7 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
 
 
 def _projected(points: FloatArray, sizes: IntArray, normals: FloatArray) -> FloatArray:
-    """Project the corners of polygons to a coordinate plane, (n, 2), in counterclockwise order."""
+    """Project corners of polygons to a coordinate plane: points (n, 2), counterclockwise."""
     axis = np.argmax(np.abs(normals), axis=1)
     turned = normals[np.arange(len(axis)), axis] < 0
     first = np.repeat(points[np.cumsum(sizes) - sizes], sizes, axis=0)

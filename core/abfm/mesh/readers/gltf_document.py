@@ -188,7 +188,7 @@ class Document:
             yield Part(points, faces, entry)
 
     def numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """Return the numbers of an accessor, (count, columns of the shape)."""
+        """Return the numbers of an accessor, shape (count, columns)."""
         entry, name = self.entry("accessors", index), f"accessor {index}"
         if "bufferView" not in entry and "sparse" not in entry:
             raise ValueError(

@@ -154,7 +154,7 @@ class _Text:
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
-    """Return the numbers of columns of a vertex: its coordinates, the minimum, and all options."""
+    """Return numbers of columns of a vertex: coordinates, required ones, and all optional ones."""
     columns = 4 if "4" in prefix else 3
     width = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
     widths = tuple(width + color for color in _COLOR_COLUMNS) if "C" in prefix else (width,)

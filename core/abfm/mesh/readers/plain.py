@@ -22,7 +22,7 @@ _STL_VERTEX = re.compile(
 
 
 def read_obj(opened: Opened) -> FileContents:
-    """Read a Wavefront OBJ file with a vertex for each ``v`` line, whatever the faces refer to."""
+    """Read a Wavefront OBJ file with a vertex for each ``v`` line, also if no face refers to it."""
     lists = Lists()
     for keyword, words in obj_lines(opened.data):
         if keyword == "v":
@@ -92,10 +92,10 @@ def _binary_corners(data: bytes, count: int) -> FloatArray:
 
 
 def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
-    """Return the number of triangles, and messages, if header and length of the file disagree.
+    """Return the number of triangles, and notes if the header and the length of the file disagree.
 
-    The length counts if the header announces no triangles, or if all bytes form complete triangles,
-    as in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
+    The length determines the number if the header announces no triangles, or if all bytes form
+    complete triangles, as in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
     """
     size = _STL_TRIANGLE.itemsize
     if body < size:

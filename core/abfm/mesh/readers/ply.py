@@ -199,7 +199,7 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return the announced words of each row without further words, if each row is one line."""
+    """Return, if each row is one line, the rows without words that the header does not announce."""
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
@@ -228,7 +228,7 @@ class _Body:
         return self._position == len(self._data)
 
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the wanted properties of the next element; of equal names, the last one.
+        """Return the requested properties of the next element; of equal names, only the last one.
 
         ValueError if the file is cut off, or if the length of a list is negative.
         """
