@@ -156,10 +156,7 @@ class Evaluation:
 
 
 def through_sphere(registered: TriangleMesh, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-    """Return the map from the sphere A to the sphere B, by the registered sphere of A.
-
-    Another program has registered ``registered``, which has the vertices of A, to B.
-    """
+    """Return the map from A to B by ``registered``, which another program registered to B."""
     return Correspondence.through_sphere(a, b, sphere_directions(registered), sphere_directions(b))
 
 

@@ -163,10 +163,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two others that are distant from it and from each other.
-
-    Distances from the first vertex are in the range ``distance``, relative to the largest one.
-    """
+    """Return a random vertex, and two distant vertices in a range of distances from it."""
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -293,10 +290,7 @@ def _count(key: str) -> Callable[[list[Report]], str]:
 
 
 def _median(key: str) -> Callable[[list[Report]], str]:
-    """Return a function that takes results and returns the median of ``key`` as text.
-
-    Missing numbers count as infinite.
-    """
+    """Return a function that takes results and returns their median; missing ones are infinite."""
 
     def cell(results: list[Report]) -> str:
         values = [_or_inf(result[key]) for result in results]
@@ -343,10 +337,7 @@ def report_text(report: Report) -> str:
 
 
 def _groups(rows: list[Report]) -> dict[str, list[Report]]:
-    """Group the rows by the values of the properties in `GROUPS`.
-
-    Rows with a false or empty value of a property are in no group of this property.
-    """
+    """Group rows by the values of each property in `GROUPS`, except false and empty values."""
     groups = {"all": rows}
     for keys in GROUPS:
         for row in rows:

@@ -129,11 +129,7 @@ class Case(NamedTuple):
     subdivision: int = SUBDIVISION
 
     def row(self) -> list[str]:
-        """Return the row of the table.
-
-        It has the errors of Horn-Schunck, of a norm of order 1 and of the norm that the defaults
-        choose. The last cell is the chosen norm: order, alpha and sigma.
-        """
+        """Return a row: errors of Horn-Schunck, order 1 and the default norm, and that norm."""
         mesh = sphere(self.subdivision)
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)
         frames = moving.noisy(self.noise, _NOISE_SEED)

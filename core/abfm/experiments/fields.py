@@ -138,10 +138,7 @@ def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> flo
 
 
 def departure_points(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Follow flow lines backwards from all vertices, and return their points (T, V, 3).
-
-    ``times`` (T,) are the durations, not negative, after which the points are reached.
-    """
+    """Return the points (T, V, 3) of backward flow lines from the vertices, after T durations."""
     starts = project_onto_surface(mesh, mesh.vertices)
     lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])

@@ -54,10 +54,7 @@ def figure_3(setup: FigureSetup) -> Script:
 def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
-    """Match a Gaussian at the first of three vertices to two Gaussians at the other vertices.
-
-    The source has the same mass as the target, which is the sum of its two Gaussians.
-    """
+    """Match a Gaussian at one of three vertices to two, of the same total mass, at the others."""
     centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (

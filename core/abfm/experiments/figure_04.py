@@ -134,10 +134,7 @@ def frequency_bound(derivative: Matrix) -> float:
 
 
 def linear_steps(derivative: Matrix, f: FloatArray, step: float, steps_between: int) -> FloatArray:
-    """Advect ``f`` by steps of Eq. 5; return the values (T, V) at the times ``_TIMES``.
-
-    Consecutive times are ``steps_between`` steps apart.
-    """
+    """Advect ``f`` by steps of Eq. 5; return (T, V), its values every ``steps_between`` steps."""
     states = [f]
     for _ in _TIMES[1:]:
         for _ in range(steps_between):

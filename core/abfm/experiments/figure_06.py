@@ -27,10 +27,7 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """A surface with fields ``v`` and ``u``, and ``exact``, the pushforward of ``u`` if known.
-
-    ``exact`` is a function that takes a time and returns ``u`` pushed along ``v``, shape (F, 3).
-    """
+    """A surface with fields ``v`` and ``u``, and a function of time for the exact pushforward."""
 
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
@@ -97,10 +94,7 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
 
 
 def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measure]:
-    """Compare derivatives of advected functions along the pushed field with advected derivatives.
-
-    For the exact pushforward, both are equal.
-    """
+    """Compare derivatives of advected functions by the pushed field with advected derivatives."""
     mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
     measures = []
     for t, field in pushed.items():

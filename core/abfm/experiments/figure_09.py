@@ -138,10 +138,7 @@ def figure_10(setup: FigureSetup) -> Script:
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
-    """Return the symmetry of a mesh: a rotation by 180 degrees, or else a mirror plane.
-
-    A mesh without both raises MeshError.
-    """
+    """Return the rotation of a mesh by 180 degrees or else its mirror plane, or raise MeshError."""
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:
@@ -299,11 +296,7 @@ class SymmetryScene:
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Return the geodesic distances, in sqrt(area), of vertices from points of the surface.
-
-    Each of the K arguments ``ends`` has a point for each of the P vertices. The result has shape
-    (K, P).
-    """
+    """Return the geodesic distances (K, P) in sqrt(area) of P vertices from K sets of P points."""
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
     is_distant = np.array(
         [(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends]
@@ -320,10 +313,7 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Return panels with source, target, result, field and its norm.
-
-    They show the function with the largest difference between source and target.
-    """
+    """Return panels of the function that changes most: source, target, result, field and norm."""
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))

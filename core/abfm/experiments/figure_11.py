@@ -350,10 +350,7 @@ class Comparison:
 def compare(
     poses: Poses, problem: Problem, setup: FigureSetup
 ) -> Generator[Sequence[RequestedMatch], Sequence[Match], Comparison]:
-    """Match by all methods, as a part of a figure's script.
-
-    Pose B caches the result, which figures 12 and 13 both use.
-    """
+    """Match by all methods, as a part of a script; pose B caches the result for both figures."""
     b, key = poses.b, (__name__, problem.parameters, poses.true_map.shape)
     if key in b.cache:
         yield ()
@@ -431,10 +428,7 @@ def comparison_of(
 
 
 def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
-    """Return, by name, maps that need no flow.
-
-    They are recovered from the initial map and from the target functions (V, 3).
-    """
+    """Return, by name, the maps from the initial map and from targets (V, 3) without a flow."""
     a, b, k = poses.a, poses.b, len(poses.true_map)
     zoomed = maps.zoom_out(a, b, functional_map(poses.start, _START_MODES), k, _ZOOM_OUT_STEP)
     return {
@@ -447,11 +441,7 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 
 
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
-    """Return, by name, two maps of a match: by flow lines and by nearest neighbours.
-
-    Both compose the map ``start`` with the flow of the match. Nearest neighbours are those in the
-    spectral embedding with k eigenfunctions.
-    """
+    """Compose a map with a match's flow by flow lines and by nearest neighbours in k modes."""
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
@@ -460,20 +450,14 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
 
 
 def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from B to the points of A that are closest to given coordinates.
-
-    The coordinates are functions (V, 3) on B, in the units of `coordinates`.
-    """
+    """Return the map from B to the closest points of A, for coordinates (V, 3) given on B."""
     a = poses.a
     origin = a.vertices[0] - coordinates(a)[0] * a.length_scale
     return PointMap.project(poses.b, a, functions * a.length_scale + origin)
 
 
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from B to the closest points of A by truncated coordinates.
-
-    The coordinates on B are functions (V, 3).
-    """
+    """Return the map from B to the closest points of A by truncated coordinates (V, 3) on B."""
     a = poses.a
     found = maps.project_onto_surface(
         TriangleMesh(truncated_coordinates(a, len(poses.true_map)), a.faces), functions

@@ -148,12 +148,7 @@ Script = Generator[Example | Sequence[RequestedMatch], Sequence[Match], Findings
 of all matches that it requests. The caller solves them and sends the results in the same order.
 """
 
-_MODULE_OF_FIGURE = {
-    3: 1,
-    10: 9,
-    12: 11,
-    13: 11,
-}  # figures in another's module
+_MODULE_OF_FIGURE = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another figure
 _CLAIMS = {
     1: "A single vector field advects the source to a function that matches the target, and "
     "interpolates smoothly.",
@@ -290,20 +285,14 @@ def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return an example: the source, advected by a flow until its tau, is the target.
-
-    ``source`` and ``target`` are specifications; that of the target is the name of a file.
-    """
+    """Return an example: ``target``, the spec of a file, is the source advected by a flow."""
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations that takes about 30 s for three functions on a mesh.
-
-    It is at least 60 and at most ``iterations_max``.
-    """
+    """Return a number of iterations, from 60, that takes about 30 s with three functions."""
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 

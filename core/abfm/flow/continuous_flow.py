@@ -178,10 +178,7 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous; faces where the field is zero remain zero.
-
-    Lengths of the result are in units of ``unit``.
-    """
+    """Make a field (F, 3) continuous, with lengths in ``unit``; it stays zero in zero faces."""
     return from_corners(mesh, corner_vectors(mesh, field), unit)
 
 
@@ -215,18 +212,12 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
-    """Return the angles from vectors to the middles of their corners, over the corners' angles.
-
-    All arrays have shape (F, 3). The result is infinite for zero vectors.
-    """
+    """Return angles between vectors and corner middles, relative to corner angles; inf for 0."""
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 
 def downstream_slots(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
-    """Return, for each vertex, the face into which its `corner_vectors` lead, as a slot (V,).
-
-    Slot ``3 f + k`` is corner k of face f.
-    """
+    """Return, for each vertex, the slot ``3 f + k`` in the face f that its vector leads into."""
     around = corners(mesh)
     off = angular_offsets(vectors, around.middles, around.angles)
     slots = np.argsort(-off, axis=None, kind="stable")

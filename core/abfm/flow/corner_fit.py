@@ -23,10 +23,7 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 
 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
-    """Make a field continuous; return its vectors at corners, 0 in faces where the field is 0.
-
-    The field has shape (F, 3) in space. The result (F, 3) has a complex number for each corner.
-    """
+    """Make a field (F, 3) continuous; return complex vectors (F, 3) at corners, 0 in zero faces."""
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
@@ -122,10 +119,7 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 
 @kernel
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
-    """Replace negative entries of ``turns`` (F, 3) by the angles to the middles of the corners.
-
-    The angles at a vertex are measured from the first face of its fan.
-    """
+    """Replace negative ``turns`` (F, 3) by angles from a fan's first face to corner middles."""
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:
             continue

@@ -190,10 +190,7 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Move a walker at a corner into the face, or onto the edge, along which it leaves fastest.
-
-    Speeds are compared in edges or heights of faces per unit of time.
-    """
+    """Move a walker at a corner to its fastest continuation, in edges or face heights per time."""
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False

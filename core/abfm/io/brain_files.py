@@ -311,10 +311,7 @@ def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labe
 
 
 def _table(labels: Labels) -> IntArray:
-    """Return red, green, blue and transparency of each name, shape (n, 4).
-
-    All colours differ, and none is black.
-    """
+    """Return red, green, blue and transparency (n, 4) of names; all differ, none is black."""
     used, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)

@@ -262,10 +262,7 @@ def has_format_version(archive: Mapping[str, Any]) -> bool:
 
 
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
-    """Raise a ResultError if the version of the format is not ``current``.
-
-    ValueError if it is not an integer.
-    """
+    """Raise a ResultError unless the version is ``current``; ValueError if it is not an integer."""
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
     if version != current:

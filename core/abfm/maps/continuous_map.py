@@ -123,10 +123,7 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
 
 
 def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
-    """Rotate vertices (V, 3) on the sphere so that they are close to their targets (V, 3).
-
-    Outliers have low weights.
-    """
+    """Rotate vertices (V, 3) of the sphere close to targets (V, 3); outliers have low weights."""
     weights = np.ones(len(sphere))
     for _ in range(_ROTATION_ITERATIONS):
         u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)

@@ -108,10 +108,7 @@ class Distortion:
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
-        """Return the smallest bound of both changes that a share of the faces satisfies.
-
-        See `share_within`.
-        """
+        """Return the smallest bound that a share of the faces satisfies; see `share_within`."""
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
@@ -230,10 +227,7 @@ def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def flipped_triangles(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
-    """Return a mask (S,) of triangles (S, 3, 3) that are flipped.
-
-    A triangle is flipped if its normal is opposite to that of the surface at its centroid.
-    """
+    """Return a mask (S,) of triangles (S, 3, 3) opposite to the surface at their centroids."""
     closest = project_onto_surface(mesh, corners.mean(axis=1))
     return np.asarray((_areas(corners) * face_normals(mesh)[closest.faces]).sum(axis=1) < 0)
 

@@ -30,10 +30,7 @@ _CHUNK = 256  # rows whose distances are in memory at a time
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:
-    """Return the first k spectral coefficients ``Phi^T M h`` of a function.
-
-    The function has shape (V,) or (V, C), and the result (k,) or (k, C).
-    """
+    """Return the coefficients ``Phi^T M h``, (k,) or (k, C), of a function h, (V,) or (V, C)."""
     rows = channels(mesh, h, "h")
     areas = vertex_areas(mesh.normalized())[:, None]
     found: FloatArray = _basis(mesh, k).T @ (areas * rows.T)

@@ -61,10 +61,7 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Return the face of A in a direction; write the position of its point there to ``place``.
-
-    The search begins at ``face``.
-    """
+    """Return the face of A in a direction, searched from ``face``; write its point to ``place``."""
     found, weights = np.array([face]), np.empty((1, 3))
     walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0

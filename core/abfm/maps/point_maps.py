@@ -101,10 +101,7 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function of the codomain with the map; return a function of the domain.
-
-        The argument has shape (V',) or (V', C), and the result (V,) or (V, C).
-        """
+        """Compose the map with a function (V',) or (V', C) of the codomain, to (V,) or (V, C)."""
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:

@@ -19,11 +19,8 @@ from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-ERROR_BOUNDS = (
-    0.05,
-    0.1,
-    0.25,
-)  # in sqrt(area); a report has the shares of vertices with errors up to these bounds
+# in sqrt(area); a report has the shares of vertices with errors up to these bounds
+ERROR_BOUNDS = (0.05, 0.1, 0.25)
 # A map has faults if one of the next three bounds is exceeded. They were chosen with 30 flows of
 # known smooth fields on five surfaces. Every flow beyond the first bound had points with a distance
 # above 0.16 from the ends of exact flow lines. Every flow beyond the second bound had a mean error

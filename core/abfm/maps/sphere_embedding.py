@@ -124,10 +124,7 @@ def build_surface(faces: IntArray, count: int) -> Surface:
 
 
 def _tetrahedron(surface: Surface, count: int, collapses: Collapses) -> FloatArray:
-    """Return positions (V, 3) with the four remaining vertices on a regular tetrahedron.
-
-    The rows of all other vertices are 0.
-    """
+    """Return positions (V, 3): remaining vertices on a regular tetrahedron, all others at 0."""
     remaining = np.setdiff1d(np.arange(count), collapses.vertices)
     corner = surface.corner_of[remaining[0]]
     face = surface.faces[[corner, next_slot(corner), next_slot(next_slot(corner))]]

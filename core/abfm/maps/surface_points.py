@@ -73,10 +73,7 @@ class SurfacePoints:
         return SurfacePoints(self.mesh, self.faces[rows], self.barycentric[rows])
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Interpolate a function linearly at the points.
-
-        The function has shape (V,) or (V, C), and the result (P,) or (P, C).
-        """
+        """Interpolate a function (V,) or (V, C) linearly at the points; return (P,) or (P, C)."""
         at_corners = channels(self.mesh, h, "h")[:, self.mesh.faces[self.faces]]
         values: FloatArray = np.einsum("pc,kpc->pk", self.barycentric, at_corners)
         return values.reshape(-1, *np.shape(h)[1:])
@@ -88,10 +85,7 @@ class SurfacePoints:
         return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
 
     def distances_from(self, positions: FloatArray) -> FloatArray:
-        """Return the distance of each point from the position in the same row, shape (P,).
-
-        ``positions`` has shape (P, 3).
-        """
+        """Return the distances (P,) between the points and ``positions`` (P, 3), row by row."""
         return np.asarray(np.linalg.norm(positions - self.positions, axis=1))
 
 

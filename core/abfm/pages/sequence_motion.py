@@ -44,10 +44,7 @@ class PointPath:
     points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
-        """Return the position (3,) at a time; None if the path does not exist then.
-
-        Times up to ``slack`` before the first and after the last one are accepted.
-        """
+        """Return the position (3,) at a time, up to ``slack`` beyond the ends, or else None."""
         if not self.times[0] - slack <= time <= self.times[-1] + slack:
             return None
         places = self.points.positions

@@ -58,10 +58,7 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, shape (count,).
-
-        ValueError if fewer follow; its message names ``of``, the numbers that are read.
-        """
+        """Return the next numbers, shape (count,); ValueError about ``of`` if fewer follow."""
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:
