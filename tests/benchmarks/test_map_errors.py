@@ -83,9 +83,8 @@ def test_report_is_json_and_map_beats_identity(report):
 def test_failures_and_cancelled_runs_are_reported(report):
     (row,) = report["rows"]
     failed = {"error": None, "verdict": "too fast"}
-    text = map_errors.report_text(
-        {**report, "rows": [{**row, "defaults": failed, "fixed": {"3": failed}}]}
-    )
+    rows = [{**row, "defaults": failed, "fixed": {"3": failed}}]
+    text = map_errors.report_text({**report, "rows": rows})
     assert "too fast" in text
     assert "0 of 1; median ratio none" in text
     control = Control()

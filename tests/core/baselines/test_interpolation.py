@@ -130,9 +130,7 @@ def test_sharpening_limits_the_entropy():
         return -float(areas @ (density * np.log(np.maximum(density, 1e-300))))
 
     f, g = bump(P), bump(Q, 0.3)
-    plain, sharp = (
-        optimal_transport(SPHERE, f, g, 0.5, sharpen=sharpen) for sharpen in (False, True)
-    )
+    plain, sharp = (optimal_transport(SPHERE, f, g, 0.5, sharpen=s) for s in (False, True))
     assert entropy(plain) > entropy(f) + 0.1
     assert entropy(sharp) <= entropy(f) + 1e-4
 

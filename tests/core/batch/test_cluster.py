@@ -72,9 +72,7 @@ def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_pa
 def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatch):
     """Consecutive runs use one connection; a lost one is replaced in the next run."""
     made, usual = [], dask_connection._client
-    monkeypatch.setattr(
-        dask_connection, "_client", lambda *given: made.append(usual(*given)) or made[-1]
-    )
+    monkeypatch.setattr(dask_connection, "_client", lambda *x: made.append(usual(*x)) or made[-1])
     with Workers(Cluster(scheduler=elsewhere.scheduler_address)) as workers:
         for rows in (ROWS[:2], ROWS):
             entries = workers.run(rows, tmp_path)
@@ -100,9 +98,7 @@ def test_cancelled_cluster_run_keeps_finished_rows(elsewhere, tmp_path):
     control = abfm.workers.Control()
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     many = [pair(target=target) for target in range(20, 60)]
-    entries = run(
-        many, tmp_path, cluster, control=control, on_change=lambda entry: control.cancel()
-    )
+    entries = run(many, tmp_path, cluster, control=control, on_change=lambda _: control.cancel())
     states = [entry.state for entry in entries]
     assert states[0] == "done"
     assert states[-1] == "missing"

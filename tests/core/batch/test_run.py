@@ -28,11 +28,7 @@ QUICK = Quick("quick", pair().options)
 
 
 def files(folder):
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def test_worker_with_another_version_solves_nothing(tmp_path):
@@ -141,9 +137,7 @@ def test_processes_persist_between_runs(tmp_path, monkeypatch):
         workers.run([pair("second", 3, 12)], tmp_path / "other")
         assert len(made) == 1
         rows = [pair("third", 5, 13), pair("fourth", 6, 14)]
-        entries = workers.run(
-            rows, tmp_path, control=control, on_change=lambda entry: control.cancel()
-        )
+        entries = workers.run(rows, tmp_path, control=control, on_change=lambda _: control.cancel())
         assert [entry.state for entry in entries] == ["done", "missing"]
         assert [entry.state for entry in workers.run(rows, tmp_path)] == ["done", "done"]
     assert len(made) == 2

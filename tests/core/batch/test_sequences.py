@@ -42,8 +42,8 @@ def sequence_row(folder, **more):
 def test_killed_row_resumes_to_equal_bytes(folder):
     """A row resumes from its checkpoint, removed at the end, to the bytes of a single run."""
     row, control = sequence_row(folder), Control()
-    uninterrupted, ledger = Ledger(folder / "a"), Ledger(folder / "b")
-    attempt(WorkItem(row, str(uninterrupted.folder), uninterrupted.make()))
+    single, ledger = Ledger(folder / "a"), Ledger(folder / "b")
+    attempt(WorkItem(row, str(single.folder), single.make()))
     task = WorkItem(row, str(ledger.folder), ledger.make())
 
     def stop(now):
@@ -56,9 +56,7 @@ def test_killed_row_resumes_to_equal_bytes(folder):
     content = unfinished.read_bytes()
     assert not ledger.result_path(row.key).exists()
     attempt(task)
-    assert (
-        ledger.result_path(row.key).read_bytes() == uninterrupted.result_path(row.key).read_bytes()
-    )
+    assert ledger.result_path(row.key).read_bytes() == single.result_path(row.key).read_bytes()
     assert not unfinished.exists()
     unfinished.write_bytes(content)  # as if the process was killed before it removed the checkpoint
     attempt(task)

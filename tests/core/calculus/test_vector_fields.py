@@ -89,9 +89,8 @@ def test_rotation_of_the_sphere_rotates_linear_functions():
     """For the rotation about x, ``D_v z = (e_x cross p)_z = y``, with order above 1.5."""
     errors = []
     for mesh in map(icosphere, (2, 3, 4)):
-        derivative = vf.directional_derivative(
-            mesh, vf.to_frame(mesh, rotation_field(mesh, [1, 0, 0]))
-        )
+        rotation = vf.to_frame(mesh, rotation_field(mesh, [1, 0, 0]))
+        derivative = vf.directional_derivative(mesh, rotation)
         turned = derivative @ mesh.vertices[:, 2]
         errors.append(surfaces.relative_error(mesh, turned, mesh.vertices[:, 1]))
     assert errors[-1] < 4e-3
@@ -174,12 +173,10 @@ def test_harmonic_fields_of_the_torus_converge():
     """The fields ``ring^-2 d/du`` and ``ring^-1 d/dv`` converge to zero divergence and curl."""
     errors = []
     for mesh in exact.refined(3):
-        harmonic = exact.face_field(
-            mesh, lambda u, v: exact.ring(v) ** -2, lambda u, v: 2 / exact.ring(v)
-        )
-        errors.append(
-            surfaces.relative_error(mesh, vf.helmholtz_hodge(mesh, harmonic)[2], harmonic)
-        )
+        of_u, of_v = lambda u, v: exact.ring(v) ** -2, lambda u, v: 2 / exact.ring(v)
+        harmonic = exact.face_field(mesh, of_u, of_v)
+        found = vf.helmholtz_hodge(mesh, harmonic)[2]
+        errors.append(surfaces.relative_error(mesh, found, harmonic))
     assert surfaces.last_order(errors) > 0.9
 
 

@@ -44,11 +44,9 @@ def test_fit_equals_the_continuous_field_and_has_an_adjoint(name):
     expected = corner_vectors(mesh, to_ambient(mesh, field))
     near(fitted(mesh, as_complex(field)), expected, 1e-13 * np.abs(expected).max())
     rng = np.random.default_rng(0)
-    faces, at_corners = (
-        as_complex(rng.normal(size=(*n.shape, 2))) for n in (field[:, 0], expected)
-    )
-    there = np.vdot(at_corners, fitted(mesh, faces))
-    assert there == pytest.approx(np.vdot(fitted_adjoint(mesh, at_corners), faces))
+    faces, corners = (as_complex(rng.normal(size=(*x.shape, 2))) for x in (field[:, 0], expected))
+    there = np.vdot(corners, fitted(mesh, faces))
+    assert there == pytest.approx(np.vdot(fitted_adjoint(mesh, corners), faces))
 
 
 @pytest.mark.parametrize("count", [1, 3])

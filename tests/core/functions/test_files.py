@@ -74,11 +74,8 @@ def test_columns_by_name_and_by_number(tmp_path, delimiter):
     write_text(path, delimiter.join(["area", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth"):
         assert_array_equal(function(MESH, f'file:"{path}",column={column}'), VALUES)
-    for options, named in (
-        ("", (2, "column=0", 1)),
-        (",column=dept", ("dept",)),
-        (",column=2", (2,)),
-    ):
+    cases = ("", (2, "column=0", 1)), (",column=dept", ("dept",)), (",column=2", (2,))
+    for options, named in cases:
         with raises(FunctionError, *named):
             function(MESH, f'file:"{path}"{options}')
 

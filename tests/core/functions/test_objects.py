@@ -61,9 +61,8 @@ class PolarsFrame(dict):
 
 def xarray_of(data):
     """Return an object that behaves like an xarray DataArray of the same pandas object."""
-    return Object(
-        dims=(), coords={}, ndim=data.ndim, to_pandas=lambda: data, __array__=data.to_numpy
-    )
+    convert = {"to_pandas": lambda: data, "__array__": data.to_numpy}
+    return Object(dims=(), coords={}, ndim=data.ndim, **convert)
 
 
 def gifti(*arrays, indices=None, labels=False):
@@ -92,9 +91,8 @@ def cifti(values):
 def source_estimate(left=(), right=(), data=(), times=(0.0,)):
     """Return an object with the attributes of MNE's SourceEstimate."""
     vertices = [np.array(left, int), np.array(right, int)]
-    return Object(
-        vertices=vertices, data=np.array(data), times=np.array(times), tmin=times[0], tstep=0.1
-    )
+    arrays = {"data": np.array(data), "times": np.array(times)}
+    return Object(vertices=vertices, tmin=times[0], tstep=0.1, **arrays)
 
 
 PLACED = {

@@ -44,9 +44,8 @@ def gifti(path, arrays, labels=None, structure=""):
     for intent, values in arrays:
         kind = np.float32 if np.asarray(values).dtype.kind == "f" else np.int32
         array = np.asarray(values, kind)
-        found.append(
-            nibabel.gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{array.dtype}".upper())
-        )
+        type_name = f"NIFTI_TYPE_{array.dtype}".upper()
+        found.append(nibabel.gifti.GiftiDataArray(array, intent, type_name))
     meta = {"AnatomicalStructurePrimary": structure} if structure else {}
     image = nibabel.gifti.GiftiImage(darrays=found, meta=nibabel.gifti.GiftiMetaData(meta))
     for key, name in (labels or {}).items():
@@ -325,9 +324,8 @@ def test_old_values_and_texts_of_freesurfer_are_read(tmp_path):
     head = COUNT.to_bytes(3, "big") + (80).to_bytes(3, "big")
     (tmp_path / "lh.curv").write_bytes(head + hundredths.tobytes())
     assert_array_equal(value_of(tmp_path / "lh.curv"), hundredths / 100)
-    assert_array_equal(
-        nibabel.freesurfer.read_morph_data(tmp_path / "lh.curv"), hundredths.astype(float) / 100
-    )
+    found = nibabel.freesurfer.read_morph_data(tmp_path / "lh.curv")
+    assert_array_equal(found, hundredths.astype(float) / 100)
     lines = [f"{k:03d} 0.0 0.0 0.0 {v!r}" for k, v in enumerate(VALUES.tolist())]
     path = table(tmp_path / "lh.curv.asc", "\n".join(lines) + "\n")
     assert_array_equal(value_of(path), VALUES)

@@ -40,9 +40,8 @@ def test_operators_and_fields_move_with_the_mesh(name, move):
     h, w, q = move.function(mesh, f), move.field(mesh, v), move.field(mesh, u)
     assert_alike(op.vertex_areas(other), move.function(mesh, op.vertex_areas(mesh), 2), ROUNDING)
     assert_alike(op.face_areas(other), move.on_faces(mesh, op.face_areas(mesh), 2), ROUNDING)
-    assert_alike(
-        np.sort(op.edge_lengths(other)), move.scale * np.sort(op.edge_lengths(mesh)), ROUNDING
-    )
+    lengths, moved_lengths = (np.sort(op.edge_lengths(m)) for m in (mesh, other))
+    assert_alike(moved_lengths, move.scale * lengths, ROUNDING)
     for operator, by, moved_by, power in (
         (op.gradient, (f, h), move.field, -1),
         (op.divergence, (v, w), move.function, 0),
@@ -55,17 +54,15 @@ def test_operators_and_fields_move_with_the_mesh(name, move):
             for m, x in zip((mesh, other), by, strict=True)
         )
         if moved_by == move.field:
-            before, after = (
-                op.to_ambient(m, x.reshape(-1, 2)) for m, x in ((mesh, before), (other, after))
-            )
+            before = op.to_ambient(mesh, before.reshape(-1, 2))
+            after = op.to_ambient(other, after.reshape(-1, 2))
         assert_alike(after, moved_by(mesh, before, power), ROUNDING)
     bracket, pushed = op.lie_bracket_of(mesh, v, u), op.pushforward(mesh, v, u, 0.1)
     assert_alike(op.lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
     assert_alike(op.pushforward(other, w, q, 0.1), move.field(mesh, pushed), SOLVES)
     largest = np.abs(w).max()  # if exactly zero, a part consists of rounding errors
-    for part, expected in zip(
-        op.helmholtz_hodge(other, w), op.helmholtz_hodge(mesh, v), strict=True
-    ):
+    parts, expected_parts = op.helmholtz_hodge(other, w), op.helmholtz_hodge(mesh, v)
+    for part, expected in zip(parts, expected_parts, strict=True):
         assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * largest
 
 
@@ -91,9 +88,8 @@ def test_flows_move_with_the_mesh(name, move):
     check(lambda m, x: ContinuousFlow(m, x, 1.0).destinations().positions)
     check(lambda m, x: ContinuousFlow(m, x, 1.0).origins().positions)
     check(lambda m, x: ends_of(flow_lines(m, x, vertex_points(m), 1.0)))
-    checks = [
-        abfm.matching.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))
-    ]
+    cases = (mesh, f, v), (other, h, w)
+    checks = [abfm.matching.verify(abfm.Problem(m, x, x), y) for m, x, y in cases]
     for which in ("flow_lines", "subdivided", "resolution", "folded", "flipped"):
         one, other_one = (getattr(each, which) for each in checks)
         assert other_one == pytest.approx(one, rel=SOLVES, abs=SOLVES)

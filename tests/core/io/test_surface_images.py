@@ -77,9 +77,8 @@ def test_invalid_parts_are_named():
         from_surface_image(image)
     mesh = SimpleNamespace(coordinates=LEFT.vertices, faces=LEFT.faces)
     for values, named in (({"left": np.array(["a"])}, ""), ({}, "left")):
-        parts = SimpleNamespace(
-            mesh=SimpleNamespace(parts={"left": mesh}), data=SimpleNamespace(parts=values)
-        )
+        mesh_parts, data = SimpleNamespace(parts={"left": mesh}), SimpleNamespace(parts=values)
+        parts = SimpleNamespace(mesh=mesh_parts, data=data)
         with raises(ResultError, named):
             from_surface_image(parts)
 

@@ -167,10 +167,8 @@ def test_maps_without_faults_agree_with_flow_lines(name, modes, speed):
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).coordinate_map()
-    found, off = (
-        map_quality(points),
-        points.positions - departure_points(mesh, field, np.ones(1))[0],
-    )
+    found = map_quality(points)
+    off = points.positions - departure_points(mesh, field, np.ones(1))[0]
     errors = np.linalg.norm(off, axis=1) / mesh.length_scale
     assert found.faults or errors.mean() < 0.025
     assert found.largest_distance <= LARGEST or errors.max() > 0.15

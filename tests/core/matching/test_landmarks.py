@@ -120,9 +120,8 @@ def test_landmark_errors_are_consistent(tmp_path):
 
 def test_coarser_mesh_leads_to_the_mesh_itself():
     pair, _ = flowed(SPHERE, 5, seed=3)
-    found = abfm.match(
-        abfm.Problem(SPHERE, None, None, abfm.Parameters.of(levels=2), landmarks=pair)
-    )
+    p = abfm.Parameters.of(levels=2)
+    found = abfm.match(abfm.Problem(SPHERE, None, None, p, landmarks=pair))
     assert_matched(found)
     assert found.velocity.shape == (1, len(SPHERE.faces), 3)
 

@@ -168,9 +168,8 @@ def test_specs_are_evaluated_on_finer_meshes(tmp_path):
     for channel, spec in enumerate(others, len(evaluated)):
         expected = interpolated(BALL, function(BALL, spec))
         assert np.allclose(several.source[:, channel], expected) or spec == "eigenfunction:7"
-    other_values = Problem(BALL, -function(BALL, evaluated[0]), values).with_specs(
-        [evaluated[0]], [""]
-    )
+    other_values = Problem(BALL, -function(BALL, evaluated[0]), values)
+    other_values = other_values.with_specs([evaluated[0]], [""])
     assert_array_equal(
         other_values.subdivided().source[:, 0],
         interpolated(BALL, -function(BALL, evaluated[0])),

@@ -255,10 +255,8 @@ def test_different_numbers_of_peaks_are_found():
     found = solvability.extrema_difference(FINE, gaussians(1), gaussians(3))
     assert found == (Extrema(1, 1), Extrema(3, 1))
     assert str(found[1]) == "3 peaks and 1 pit"
-    assert solvability.extrema_difference(FINE, -gaussians(3), -gaussians(1)) == (
-        Extrema(1, 3),
-        Extrema(1, 1),
-    )
+    extrema = Extrema(1, 3), Extrema(1, 1)
+    assert solvability.extrema_difference(FINE, -gaussians(3), -gaussians(1)) == extrema
     assert solvability.extrema_difference(FINE, gaussians(2), -3 * gaussians(2)) == (
         Extrema(2, 1),
         Extrema(1, 2),

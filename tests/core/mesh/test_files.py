@@ -192,9 +192,8 @@ def test_gltf_seams_are_closed(tmp_path):
 
 
 def test_other_hemisphere_is_refused(tmp_path):
-    path = write(
-        tmp_path, "rh.white", freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
-    )
+    mesh = tetrahedron()
+    path = write(tmp_path, "rh.white", freesurfer_bytes(mesh.vertices, mesh.faces))
     assert load_mesh(path, hemisphere="R").structure == "CortexRight"
     with raises(MeshError, "rh.white", "right", "left", "--hemisphere"):
         load_mesh(path, hemisphere="L")

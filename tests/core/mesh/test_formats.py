@@ -117,12 +117,10 @@ def test_ply_strips_have_one_orientation(tmp_path, kind):
 
 
 def test_ply_strips_may_be_unsigned(tmp_path):
-    content = ply_bytes(SHAPE.vertices, [], "binary_little_endian").replace(
-        b"face 0", b"tristrips 1"
-    )
-    content = content.replace(b"uchar int", b"uchar ushort") + struct.pack(
-        "<B4Hf", 4, 0, 1, 2, 3, 0
-    )
+    content = ply_bytes(SHAPE.vertices, [], "binary_little_endian")
+    content = content.replace(b"face 0", b"tristrips 1")
+    strip = struct.pack("<B4Hf", 4, 0, 1, 2, 3, 0)
+    content = content.replace(b"uchar int", b"uchar ushort") + strip
     mesh = load_mesh(write(tmp_path, "a.ply", content))
     assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
 
@@ -152,9 +150,7 @@ def test_freesurfer_quadrangles_agree_with_nibabel(tmp_path, kind):
 
 
 def test_freesurfer_text_surface_is_read(tmp_path):
-    rows = [[*row, 0] for row in SHAPE.vertices.tolist()] + [
-        [*row, 0] for row in SHAPE.faces.tolist()
-    ]
+    rows = [[*row, 0] for row in [*SHAPE.vertices.tolist(), *SHAPE.faces.tolist()]]
     text = "#!ascii version of lh.white\n4 4\n" + "\n".join(" ".join(map(str, row)) for row in rows)
     for name in ("lh.white.asc", "lh.white.srf", "lh.white"):
         mesh = load_mesh(write(tmp_path, name, text))

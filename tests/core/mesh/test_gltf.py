@@ -83,9 +83,8 @@ def test_shared_buffer_is_read_once(tmp_path, monkeypatch):
         buffers=buffers, bufferViews=[view | {"buffer": k + 1} for k, view in enumerate(views)]
     )
     read = []
-    monkeypatch.setattr(
-        references, "read_bytes", lambda path, most: read.append(path) or path.read_bytes()
-    )
+    patch = monkeypatch.setattr
+    patch(references, "read_bytes", lambda path, _: read.append(path) or path.read_bytes())
     assert len(load_mesh(write(tmp_path, "a.gltf", json.dumps(header))).faces) == 1
     assert [path.name for path in read] == ["a.bin"]
 
@@ -195,9 +194,8 @@ def _with_arrays(arrays, **changes):
         entries.append({"bufferView": len(views) - 1, "componentType": kind})
         entries[-1] |= {"count": len(array), "type": shape}
         data += array.tobytes() + bytes(-array.nbytes % 4)
-    header = gltf_header(
-        accessors=entries, bufferViews=views, buffers=[{"byteLength": len(data)}], **changes
-    )
+    buffers = [{"byteLength": len(data)}]
+    header = gltf_header(accessors=entries, bufferViews=views, buffers=buffers, **changes)
     return sphere, glb(header, data)
 
 

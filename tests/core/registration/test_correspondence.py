@@ -126,9 +126,8 @@ def test_rotation_has_no_distortion_and_full_coverage():
 
 
 def test_reflection_has_no_folded_faces():
-    mirror = Correspondence.through_sphere(
-        FINE, COARSE, FINE.vertices * [-1, 1, 1], COARSE.vertices
-    )
+    directions = FINE.vertices * [-1, 1, 1]
+    mirror = Correspondence.through_sphere(FINE, COARSE, directions, COARSE.vertices)
     assert mirror.is_mirrored
     assert mirror.distortion().folded == 0
     assert not spheres(FINE, COARSE).is_mirrored
@@ -161,9 +160,8 @@ def test_map_of_spheres_applies_to_their_surfaces(method):
     assert found.a is a
     assert found.b is b
     assert_allclose(found.points.positions, on_balls.points.positions * [1, 2, 3], atol=1e-12)
-    centroids = [
-        SurfacePoints(mesh, np.arange(40), np.full((40, 3), 1 / 3)) for mesh in (a, balls[0])
-    ]
+    places = np.arange(40), np.full((40, 3), 1 / 3)
+    centroids = [SurfacePoints(mesh, *places) for mesh in (a, balls[0])]
     images, expected = found.transfer_points(centroids[0]), on_balls.transfer_points(centroids[1])
     assert_allclose(images.positions, expected.positions * [1, 2, 3], atol=1e-12)
     assert on_balls.on_surfaces(*balls) is on_balls
@@ -225,9 +223,8 @@ def test_files_round_trip(found, tmp_path):
     assert_array_equal(again.back.positions, found.back.positions)
     assert again.round_trip() == found.round_trip()
     points = SurfacePoints(found.a, np.arange(20), np.full((20, 3), 1 / 3))
-    assert_array_equal(
-        again.transfer_points(points).positions, found.transfer_points(points).positions
-    )
+    images, expected = (each.transfer_points(points).positions for each in (again, found))
+    assert_array_equal(images, expected)
     again.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
 

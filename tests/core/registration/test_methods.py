@@ -71,9 +71,8 @@ def test_landmarks_need_no_functions():
     vertices = np.array([[0, 5], [20, 30], [100, 80]])
     alone = prepare(OTHER, BALL, landmarks=vertices, initial="sphere").problem.landmarks
     assert_allclose(alone.points(BALL.normalized()).positions.shape, (3, 3))
-    problem = prepare(
-        OTHER, BALL, "coordinate:x", "coordinate:x", landmarks=vertices, initial="sphere"
-    ).problem
+    functions = ["coordinate:x"] * 2
+    problem = prepare(OTHER, BALL, *functions, landmarks=vertices, initial="sphere").problem
     assert len(problem.landmarks) == 3
     assert_allclose(problem.target[:, 0], BALL.vertices[:, 0])
 

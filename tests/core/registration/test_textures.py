@@ -119,9 +119,8 @@ def test_sampling_agrees_with_scipy(places, width, height, modes):
     image = np.random.default_rng(width + 10 * height).integers(0, 256, (height, width, 3))
     ours, theirs = modes
     for u, v in places:
-        texture = Texture(
-            mesh, np.full((1, 3, 2), [u, v]), [image.astype(np.uint8)], wraps=[(ours, ours)]
-        )
+        corners, images = np.full((1, 3, 2), [u, v]), [image.astype(np.uint8)]
+        texture = Texture(mesh, corners, images, wraps=[(ours, ours)])
         found = texture.at(SurfacePoints(mesh, np.zeros(1, int), np.array([[0.2, 0.3, 0.5]])))
         at = [[(1 - v) * height - 0.5], [u * width - 0.5]]
         expected = [

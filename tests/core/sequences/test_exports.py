@@ -190,10 +190,8 @@ def test_other_hemisphere_file_is_kept(tmp_path):
     """The other hemisphere's file is kept; a note warns if MNE cannot open both (other times)."""
     assert export_stc(tmp_path / "a-lh.stc", solved()) == ""
     assert export_stc(tmp_path / "a-rh.stc", solved()) == ""
-    assert mne.read_source_estimate(tmp_path / "a").shape == (
-        2 * len(MESH.vertices),
-        len(TIMES) - 1,
-    )
+    shape = 2 * len(MESH.vertices), len(TIMES) - 1
+    assert mne.read_source_estimate(tmp_path / "a").shape == shape
     later = 2 * solved().middles
     path, speed = tmp_path / "a-lh.stc", vertex_speed(solved())
     check_message(write_stc(path, speed, MESH.vertex_ids, later), "a-rh.stc")
@@ -214,9 +212,8 @@ def test_loose_vertices_of_the_file_are_included(tmp_path):
 def test_tracks_table_has_rows_of_points(tmp_path):
     """The poles of a rotation are on its axis in all intervals; omitted tracks have a note."""
     count = len(solved().tracks(1))
-    check_message(
-        export_tracks(tmp_path / "none.csv", solved(), min_intervals=5), "none.csv", count, 5
-    )
+    note = export_tracks(tmp_path / "none.csv", solved(), min_intervals=5)
+    check_message(note, "none.csv", count, 5)
     assert table(tmp_path / "none.csv") == []
     assert export_tracks(tmp_path / "t.csv", solved(), min_intervals=4) == ""
     rows = table(tmp_path / "t.csv")

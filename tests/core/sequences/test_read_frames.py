@@ -215,9 +215,8 @@ def test_lists_read_each_file_once(tmp_path, monkeypatch):
 
 
 def test_other_npz_with_similar_names_is_not_a_sequence(tmp_path):
-    np.savez(
-        tmp_path / "a.npz", frames=FRAMES, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices
-    )
+    arrays = {"velocity": np.zeros((4, 20, 3)), "vertices": MESH.vertices}
+    np.savez(tmp_path / "a.npz", frames=FRAMES, **arrays)
     assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FRAMES)
     assert task_of_file(tmp_path / "a.npz") is None
     with raises(ResultError):

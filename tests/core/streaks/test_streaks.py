@@ -316,9 +316,8 @@ def test_contrast_fades_with_speed():
 def test_only_the_direction_of_the_field_matters():
     mesh = torus(16, 10)
     field = wavy_field(mesh, 2)
-    image, *scaled = (
-        line_integral_convolution(mesh, x * field, size=256)[1] for x in (1, 1e-200, 1e200)
-    )
+    fields = [x * field for x in (1, 1e-200, 1e200)]
+    image, *scaled = (line_integral_convolution(mesh, each, size=256)[1] for each in fields)
     for each in scaled:
         near(each, image, 0.01)
 

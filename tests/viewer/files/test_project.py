@@ -651,9 +651,8 @@ def test_copy_names_its_original_file(origin, tmp_path):
 )
 def test_damaged_origins_of_copies_are_ignored(tmp_path, text):
     path = tmp_path / "p.abfm"
-    save_project(
-        path, MatchDocument((Surface(WHOLE, "sphere"),)), {}, Origin.of(tmp_path / "q.abfm")
-    )
+    document = MatchDocument((Surface(WHOLE, "sphere"),))
+    save_project(path, document, {}, Origin.of(tmp_path / "q.abfm"))
     rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None
     assert load_project(path)[0].name == "sphere"

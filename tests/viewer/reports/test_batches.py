@@ -92,9 +92,8 @@ def test_page_frames_undominated_rows():
     over = {"alpha": ["0.01", "0.02"], "sigma-unit": ["relative", "absolute"]}
     rows = swept((0.02, 0.5), (0.03, 0.6), (0.04, 0.2), (0.05, 0.3), over=over)
     text = batch_page("a sweep", rows, {})
-    assert (
-        "Closest match: alpha 0.01, sigma-unit relative: residual 2%, mean |log2 J| 0.50." in text
-    )
+    best = "alpha 0.01, sigma-unit relative: residual 2%, mean |log2 J| 0.50."
+    assert f"Closest match: {best}" in text
     assert ": alpha 0.02, sigma-unit relative: residual 4%" in text
     assert text.count('<td><span class="framed">') == 2
     assert "0.500</td>" in text

@@ -122,9 +122,8 @@ def test_abbreviated_titles_have_tooltips(tooltips):
 def test_bars_are_one_line_in_a_low_window(right):
     """In a low window colour bars are one line, so that surfaces get most of the height."""
     height = 320
-    found = annotations.annotation_parts(
-        scene(right, columns=5), (0, 0, right, height), LARGE, labels=False
-    )
+    rect = 0, 0, right, height
+    found = annotations.annotation_parts(scene(right, columns=5), rect, LARGE, labels=False)
     bars, written = strips(found), {one.text for one in texts(found)}
     assert len(bars) == 2
     rects = [rect_of(one, LARGE.line) for one in found]
@@ -144,9 +143,8 @@ def test_bars_are_one_line_in_a_low_window(right):
 def test_titles_in_one_line_are_shortened(right, expected):
     """A title of a bar is complete, ends at its comma, or is omitted."""
     whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
-    found = annotations.bars_in_one_line(
-        {"function": RANGE, whole: ERROR[1]}, (0, 0, right, 32), LARGE
-    )
+    ranges = {"function": RANGE, whole: ERROR[1]}
+    found = annotations.bars_in_one_line(ranges, (0, 0, right, 32), LARGE)
     assert [one.text for one in texts(found)][::3] == expected
     assert [one.title for one in strips(found)] == [
         "" if title == all_of_it else all_of_it

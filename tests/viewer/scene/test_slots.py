@@ -57,9 +57,8 @@ def test_slots_have_one_size_and_do_not_overlap(count, width, height, shape, lay
 
 
 def test_low_slot_has_its_name_at_the_left():
-    low, high = (
-        slots_of(3, (0, 0, 600, height), layout="column", name_height=40.0) for height in (240, 900)
-    )
+    given = {"layout": "column", "name_height": 40.0}
+    low, high = (slots_of(3, (0, 0, 600, height), **given) for height in (240, 900))
     for slot in low.values():
         assert slot.rect[1] == slot.name[1]
         assert slot.rect[3] - slot.rect[1] == 80

@@ -35,10 +35,8 @@ def test_functions_of_a_row_have_the_names_of_the_table(tmp_path):
     assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
     row = ResultRow(0, "r", _MATCHED, Path("e11a.npz"), texts)
     opened = MatchDocument((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
-    assert row.label_document(opened).display_names == {
-        "one": "curvature:mean",
-        "two": "file:b.npy",
-    }
+    names = {"one": "curvature:mean", "two": "file:b.npy"}
+    assert row.label_document(opened).display_names == names
     two = replace(row, texts=(*texts, *texts))  # a row with another number of channels
     assert two.label_document(opened).display_names == {}
 
@@ -78,7 +76,5 @@ def test_channels_of_a_subject_have_their_names():
     table = PopulationTable(Path("pop"), "population pop", (), _Population())
     row = ResultRow(0, "sub-0", Facts(Outcome.REGISTERED, "registered"))
     document, _ = document_of_subject(table, row, "difference")
-    names = [
-        [document.display_names[spec] for spec in channel.specs] for channel in document.channels
-    ]
+    names = [[document.display_names[spec] for spec in each.specs] for each in document.channels]
     assert names == [[name, name] for name in ("sulc", "curv", "thick")]

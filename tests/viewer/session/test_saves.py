@@ -56,9 +56,8 @@ def test_parts_missing_in_a_sequence_file_are_unsaved(sequence_session, tmp_path
 
 
 def test_recovered_sequence_is_saved_by_an_export(sequence_session, tmp_path):
-    sequence_session.restore(
-        replace(sequence_session.document, identity=Identity()), {}, None, saved=False
-    )
+    document = replace(sequence_session.document, identity=Identity())
+    sequence_session.restore(document, {}, None, saved=False)
     assert sequence_session.saves.unsaved
     export(sequence_session, tmp_path / "sequence.npz")
     assert not sequence_session.saves.unsaved

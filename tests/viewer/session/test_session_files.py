@@ -79,9 +79,8 @@ def test_opened_result_has_its_functions(desk, tmp_path):
 def test_functions_given_as_text_open_as_text(desk, tmp_path):
     mesh, text = desk.session.surface().mesh, "gaussian:vertex=3,width=0.3"
     np.savetxt(tmp_path / "g.txt", target := np.linspace(0, 1, len(mesh.vertices)))
-    problem = Problem(
-        mesh, text, f"file:{tmp_path / 'g.txt'}", Parameters.of(iterations=2, refine=0)
-    )
+    p = Parameters.of(iterations=2, refine=0)
+    problem = Problem(mesh, text, f"file:{tmp_path / 'g.txt'}", p)
     match(problem).save(tmp_path / "m.npz")
     (tmp_path / "g.txt").unlink()
     desk.open(tmp_path / "m.npz")

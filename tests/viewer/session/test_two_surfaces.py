@@ -59,17 +59,12 @@ def test_measured_functions_are_matched_in_standard_deviations(pair):
     rough = "sin(40*x)*sin(50*y)*sin(60*z)"
     pair.editor.set_spec("target", f"expression:100+7*{rough}")
     pair.editor.set_spec("source", f"expression:{rough}")
-    until(
-        lambda: (
-            not pair.obstacle and pair.work.prepared.suggested_parameters == MEASURED_PARAMETERS
-        ),
-        pair,
-    )
+    until(lambda: not pair.obstacle, pair)
+    until(lambda: pair.work.prepared.suggested_parameters == MEASURED_PARAMETERS, pair)
     until(lambda: pair.work.flow_values("target") is not None, pair)
     areas = abfm.calculus.vertex_areas(B)
-    deviation = pair.work.flow_values("target") - np.average(
-        pair.work.flow_values("target"), weights=areas
-    )
+    target = pair.work.flow_values("target")
+    deviation = target - np.average(target, weights=areas)
     assert np.average(deviation**2, weights=areas) == pytest.approx(1)
     pair.match()
     assert pair.parameters == MEASURED_PARAMETERS

@@ -47,9 +47,8 @@ def test_arrow_length_is_proportional_to_speed():
     speed, along = np.linalg.norm(expected, axis=1), tips - feet
     cosines = (along * expected).sum(axis=1) / np.linalg.norm(along, axis=1) / speed
     assert cosines.min() > 0.99
-    np.testing.assert_allclose(
-        np.linalg.norm(feet - middles, axis=1), lengths(arrows) / 2, rtol=0.1
-    )
+    half = np.linalg.norm(feet - middles, axis=1)
+    np.testing.assert_allclose(half, lengths(arrows) / 2, rtol=0.1)
     slow = speed < 0.8 * fast_speed(BALL, np.linalg.norm(rotation(BALL), axis=1))
     per_speed = lengths(arrows)[slow] / speed[slow]
     assert 0.2 < slow.mean() < 0.8

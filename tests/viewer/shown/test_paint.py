@@ -61,9 +61,8 @@ def test_finer_mesh_is_shown_on_request(session, painter):
     problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
     field = 0.3 * wavy_field(fine, 0)[None]
     found = replace(session.result, problem=problem, fine_velocity=field)
-    session.editor.amend(
-        result=replace(found, advected=found.fine.advected[: len(SPHERE.vertices)])
-    )
+    advected = found.fine.advected[: len(SPHERE.vertices)]
+    session.editor.amend(result=replace(found, advected=advected))
     names = session.view.shown_surfaces
     assert all(painter.paint(name).mesh is None for name in names)
     show(session, finer=True)

@@ -393,9 +393,8 @@ def test_remedies_never_undo_each_other(p, reason, outcomes):
     """
     problem = FunctionTerm(EGG, around(0), around(60))
     for mismatch, verified, choice in outcomes:
-        evidence = Evidence(
-            around(40)[None], mismatch, StopReason(reason), verified, refined=p.refine or 0
-        )
+        shown, refined = around(40)[None], p.refine or 0
+        evidence = Evidence(shown, mismatch, StopReason(reason), verified, refined=refined)
         found = judge(problem, evidence, p).remedies
         if not found:
             return
@@ -470,8 +469,7 @@ def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, ki
     functions = FunctionTerm(SPHERE.normalized(), f, g)
     residual = residual_ratio * (functions.residual(functions.source) if correlation else 1)
     advected = np.roll(f, 1)[None]
-    evidence = Evidence(
-        advected, residual, StopReason.NO_PROGRESS, residual, 0.0, held_out=held_out
-    )
+    stop = StopReason.NO_PROGRESS
+    evidence = Evidence(advected, residual, stop, residual, 0.0, held_out=held_out)
     found = judge(functions, evidence, Parameters())
     assert (found.kind, found.cause) == (kind, cause)

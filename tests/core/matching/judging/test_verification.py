@@ -71,9 +71,8 @@ def test_discrete_match_of_noise_is_not_confirmed():
     """A target made by the discrete flow of noise has discrete residual 0, but no confirmation."""
     mesh = icosphere(4)
     f, _, field = rotated(mesh, AXIS, 0.15)
-    smooth, rough = (
-        verify(mesh, f, advect(mesh, v, f, 1.0), v) for v in (field, noisy(mesh, field, 2.0))
-    )
+    fields = field, noisy(mesh, field, 2.0)
+    smooth, rough = (verify(mesh, f, advect(mesh, v, f, 1.0), v) for v in fields)
     assert smooth.residual < 0.03
     assert not smooth.checks_disagree
     assert min(rough.residual, rough.subdivided) > 5 * smooth.residual
@@ -87,9 +86,8 @@ def test_rough_fields_flip_faces_or_overflow():
     """
     mesh = icosphere(3)
     f, g, field = rotated(mesh, AXIS, 0.2)
-    smooth, rough = (
-        verify(mesh, f, g, v, subdivided=False) for v in (field, noisy(mesh, field, 10.0))
-    )
+    fields = field, noisy(mesh, field, 10.0)
+    smooth, rough = (verify(mesh, f, g, v, subdivided=False) for v in fields)
     assert smooth.folded == smooth.flipped == 0
     assert rough.folded == 0
     assert rough.flipped > 0.2

@@ -45,9 +45,8 @@ def energy(mesh, channels=1, p=USUAL, **changes):
     """Return the energy; several channels have a mask and weights."""
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
     weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
-    return MatchingEnergy(
-        mesh, *problem(mesh, channels), p.with_values(**changes), mask=mask, weights=weights
-    )
+    functions, p = problem(mesh, channels), p.with_values(**changes)
+    return MatchingEnergy(mesh, *functions, p, mask=mask, weights=weights)
 
 
 def order_at(E, v, size=0.02, **of_stage):

@@ -133,9 +133,8 @@ def test_given_sigma_ends_coarse_levels_at_their_error():
             (Schedule(Parameters(), EXACT, 2), last),
             (Schedule(Parameters(), MEASURED, 2), last),
         ):
-            assert other.stage(0, sigma, variant, reach, 0.2) == other.stage(
-                0, sigma, variant, reach
-            )
+            stage = other.stage(0, sigma, variant, reach)
+            assert other.stage(0, sigma, variant, reach, 0.2) == stage
 
 
 def test_search_continues_while_the_residual_falls():

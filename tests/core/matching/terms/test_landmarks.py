@@ -54,9 +54,8 @@ def test_derivative_of_landmark_energy_is_exact(name, count):
 
 def test_derivative_with_functions_is_exact():
     f, g = (bump(SPHERE, SPHERE.vertices[i], 0.2) for i in (0, 30))
-    problem = abfm.Problem(
-        SPHERE, f, g, abfm.Parameters(sigma=0.2, landmark_sigma=0.1), landmarks=PAIRS
-    )
+    p = abfm.Parameters(sigma=0.2, landmark_sigma=0.1)
+    problem = abfm.Problem(SPHERE, f, g, p, landmarks=PAIRS)
     energy = MatchingEnergy(problem)
     field, step = (to_ambient(UNIT, fields(UNIT, 1, seed)) for seed in (2, 40))
     assert taylor_order(energy, field, 1e-4 * step) > 1.9

@@ -81,17 +81,14 @@ def test_distances_are_continuous_with_exact_slopes():
         weights[side, rows, (corners + 1) % 3] = np.where(first, 0.3, 0.7)
         weights[side, rows, (corners + 2) % 3] = np.where(first, 0.7, 0.3)
     distances = SquaredDistances(some_points(mesh, len(slots), 5))
-    here, there = (
-        distances.at(SurfacePoints(mesh, slots[:, side] // 3, weights[side])) for side in range(2)
-    )
+    sides = [SurfacePoints(mesh, slots[:, side] // 3, weights[side]) for side in range(2)]
+    here, there = map(distances.at, sides)
     near(here, there, 1e-13)
     points, step = some_points(mesh, 40, 6), 1e-4 * np.array([1.0, -2.0, 1.0])
-    after, before = (
-        SurfacePoints(mesh, points.faces, points.barycentric + s * step) for s in (1, -1)
-    )
-    moved = np.einsum(
-        "lkx,lx->lk", face_frames(mesh)[points.faces], after.positions - before.positions
-    )
+    after = SurfacePoints(mesh, points.faces, points.barycentric + step)
+    before = SurfacePoints(mesh, points.faces, points.barycentric - step)
+    motion = after.positions - before.positions
+    moved = np.einsum("lkx,lx->lk", face_frames(mesh)[points.faces], motion)
     slopes = (distances.slopes(points) * moved).sum(axis=1)
     assert_allclose(distances.at(after) - distances.at(before), slopes, rtol=1e-6, atol=1e-12)
 

@@ -95,9 +95,8 @@ def test_one_landmark_chooses_between_equal_rotations():
     tip = int(a.vertices[:, 0].argmax())
     other = int(a.vertices[:, 0].argmin())
     for end in (tip, other):
-        points, found = closest_after_alignment(
-            a, a, "similarity", Landmarks.of_vertices(a, a, [end], [tip])
-        )
+        landmarks = Landmarks.of_vertices(a, a, [end], [tip])
+        points, found = closest_after_alignment(a, a, "similarity", landmarks)
         assert found.rms < 1e-6
         assert_allclose(points.positions[tip], a.vertices[end], atol=1e-6)
 
