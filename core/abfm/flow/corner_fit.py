@@ -45,7 +45,7 @@ def fitted_adjoint(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
 class Corners(NamedTuple):
     """Corners of the faces, in the frames of the faces."""
 
-    places: IndexArray  # (F, 3), complex, the first corner at zero
+    places: IndexArray  # (F, 3), positions as complex numbers, the first corner at 0
     middles: IndexArray  # (F, 3), complex, unit directions of the angle bisectors
     angles: FloatArray  # (F, 3)
     scaled: FloatArray  # (F, 3), angles scaled to a full turn around inner vertices

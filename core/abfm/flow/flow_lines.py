@@ -25,7 +25,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
 STEP_LIMIT = 100_000  # largest number of edges and vertices that a path may cross
-AT_VERTEX = 1.0 - 1e-12  # smallest weight of one corner of a walker at that vertex
+AT_VERTEX = 1.0 - 1e-12  # a walker is at a corner if its weight there is at least this
 _RATE_MAX = 1e150  # faces per unit of time; the product of two rates is still finite
 MOVING_STATE, BOUNDARY_STATE, STAGNATION_STATE = 0, 1, 2
 _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")

@@ -18,7 +18,7 @@ KINDS: tuple[SymmetryKind, ...] = get_args(SymmetryKind)
 TOLERANCE = 0.02
 
 _ROUNDING = 1e-6  # in sqrt(area); points at a smaller distance count as equal
-_MOTION_MIN = 1e-3  # RMS motion, sqrt(area); excludes reflections in the plane of a flat surface
+_MOTION_MIN = 1e-3  # smallest RMS displacement, in sqrt(area); excludes planes of flat surfaces
 _PARTNERS_MAX = 60  # largest number of vertices that are tried as the image of one vertex
 # smallest distance, in sqrt(area), between partners that are chosen by distance only
 _PARTNER_DISTANCE_MIN = 0.1

@@ -15,7 +15,7 @@ _FACES_MAX = 10_000  # largest number of faces that are evaluated
 _AZIMUTHS = np.radians(np.arange(0, 360, 10))
 _ELEVATIONS = np.radians([0, 12, 25, -12, 55])
 _STEEP_ELEVATION = np.radians(30)  # higher elevations are only for flat surfaces
-_STEEP_COST = 0.2  # minimum advantage of a steep view in visible area
+_STEEP_COST = 0.2  # smallest gain in visible area for which a steep view is chosen
 _FLAT_HEIGHT_RATIO = 0.5  # maximum height of a flat surface relative to its smaller width
 _SIDE_BONUS = np.array([0.001, 0.002, 0.25])
 """Bonus of views from the right, from above and from the front, relative to the best visible area.

@@ -139,7 +139,7 @@ def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any
         raise ValueError(f"an array of shape {shape} is too large for a file of this size")
     if encoding == "ASCII":
         if text.strip().count("\n") + 1 == shape[0]:
-            order = "C"  # lines are rows, whatever the order, as in other readers
+            order = "C"  # a line is a row in any announced order, as in other readers
         numbers = numbers_in(text, kind)
         if len(numbers) != count:
             raise ValueError(f"an array has {len(numbers)} numbers; expected {count}")
