@@ -59,8 +59,8 @@ _ENTRIES_OF_FACTS = (
 
 MAX_DISTORTION = number_input(
     "max-distortion",
-    "limit |log2 J| and |log2 R|, the changes of areas and shapes, to N on 99% of the faces; "
-    "no face is folded (default: no limit)",
+    "limit |log2 J| and |log2 R|, the changes of areas and shapes, to N on 99% of the faces, "
+    "without folds (default: no limit)",
     "N",
     "above 0 and at most 1000",
     lambda bound: 1e-9 <= bound <= 1000,

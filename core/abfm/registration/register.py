@@ -377,8 +377,7 @@ def _standardized(
         if is_negated:
             notes.append(
                 f"the sign of channel {c + 1} of A was changed, as its correlation with B's "
-                f"channel was {correlation:.2f} under the initial map; software packages differ in "
-                "the sign"
+                f"channel was {correlation:.2f} under the initial map; packages differ in the sign"
             )
             deviations[0] = -deviations[0]
         if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):
