@@ -83,15 +83,14 @@ def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ..
     if method == "landmarks" and name.partition(":")[0] != method:
         name = f"{method} (found by the method {name})"
         note = f"initial map: {name}"
+    elif name == "connectivity":
+        note = f"initial map: {name} (same faces)"
     if others:
         second = others[0]
         note = (
             f"initial map: {name}, cost {chosen.cost:.2f} (second best: {second.name}, cost "
             f"{second.cost:.2f})"
         )
-    if chosen.name == "connectivity":
-        note = note or f"initial map: {name}"
-        note += "; vertices correspond by their numbers, as both meshes have the same faces"
     return (note,) if note else ()
 
 
