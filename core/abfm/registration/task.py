@@ -255,6 +255,8 @@ class RegistrationTask(Task):
 
     def solve(self, monitor: Monitor) -> Registration:
         prepared = prepare(self.a, self.b, **self.options)
+        if [each.name for each in prepared.initial.candidates] == ["connectivity"]:
+            monitor.on_note("initial map: connectivity, as both meshes have the same faces")
         for note in (*prepared.notes, *(f"warning: {text}" for text in prepared.warnings)):
             monitor.on_note(note)
         parameters = prepared.problem.parameters.with_values(**self.parameters)

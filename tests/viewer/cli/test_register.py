@@ -91,6 +91,14 @@ def test_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
     assert library.load(tmp_path / "r.npz").facts.outcome == "not reached"
 
 
+def test_initial_map_by_connectivity_is_noted(files, abfm):
+    functions = "--source=expression:z --target=expression:z"
+    output = abfm(
+        f"register {{f}}/a.ply {{f}}/a.ply {functions} {SHORT} --out={{t}}/r.npz", f=files
+    )
+    check_message(line_with(output.err, "note: initial map"), "connectivity", "faces")
+
+
 def test_json_of_a_registration(files, abfm):
     output = abfm(
         "register {f}/a.ply {f}/b.ply --channel file:{f}/a.npy file:{f}/b.npy 2 --initial=closest "

@@ -71,7 +71,7 @@ class Verdict:
 
     @property
     def topic(self) -> str:
-        """Name of the section of `abfm.troubleshooting` on the cause, or else on the outcome."""
+        """Name of the section of ``abfm.troubleshooting`` on the cause, or else on the outcome."""
         return str(self.kind if self.cause is Cause.NONE else self.cause)
 
     @property

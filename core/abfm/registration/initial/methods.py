@@ -83,8 +83,6 @@ def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ..
     if method == "landmarks" and name.partition(":")[0] != method:
         name = f"{method} (found by the method {name})"
         note = f"initial map: {name}"
-    elif name == "connectivity":
-        note = f"initial map: {name} (same faces)"
     if others:
         second = others[0]
         note = (
