@@ -376,8 +376,8 @@ def _standardized(
         is_negated = is_rough and correlation < _OPPOSITE_CORRELATION
         if is_negated:
             notes.append(
-                f"the sign of channel {c + 1} of A was changed, as its correlation by the initial "
-                f"map with B's channel was {correlation:.2f}; packages differ in the sign"
+                f"the sign of channel {c + 1} of A was changed, as its correlation with that of B "
+                f"was {correlation:.2f} (initial map); packages differ in the sign"
             )
             deviations[0] = -deviations[0]
         if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):
