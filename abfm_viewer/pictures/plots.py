@@ -10,6 +10,7 @@ from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.ticker import NullFormatter
 from PIL import Image, ImageFont
 
 from abfm.io.sheets import Plot
@@ -44,6 +45,9 @@ def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
         )
     if plot.log_y:
         axes.set_yscale("log")
+        low, high = np.log10(axes.get_ylim())
+        if math.ceil(low) <= high:  # powers of 10 are enough; labels between them would overlap
+            axes.yaxis.set_minor_formatter(NullFormatter())
     if plot.top is not None and axes.get_ylim()[1] > plot.top:
         axes.set_ylim(-0.05 * plot.top, plot.top)
     _name_axes(axes, plot.x_title, plot.y_title, points)
