@@ -137,7 +137,7 @@ class PopulationTask(Task):
         lambda path: load_population(path).facts,
         _preview,
     )
-    preview_labels: ClassVar = ("mean", "deviation")
+    preview_labels: ClassVar = ("mean", "standard deviation")
     exports: ClassVar = {
         ".vtu": Export(report.export_mean_vtu),
         ".gii": Export(report.export_mean_values, check_values_name),

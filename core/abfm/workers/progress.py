@@ -12,7 +12,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -143,8 +143,9 @@ def step(
         if work:
             _store_rate(task, (time.monotonic() - now.began) / work, work)
     finally:
-        _outer.reset(inner)
-        report_step(outer)
+        with suppress(ValueError):  # an unfinished generator may be deleted in another context
+            _outer.reset(inner)
+            report_step(outer)
 
 
 @contextmanager

@@ -26,7 +26,7 @@ _UNFINISHED_REASONS = {
 }
 _STOP_SENTENCES = {
     StopReason.CONVERGED: "no change of the field lowers the energy further",
-    StopReason.GOAL_REACHED: "the residual is below the goal",
+    StopReason.GOAL_REACHED: "the solver stopped as soon as its residual was below the goal",
     StopReason.NO_PROGRESS: "further iterations no longer improved the match",
     StopReason.LINE_SEARCH_FAILED: sentence_of(Cause.LINE_SEARCH_FAILED),
 }
