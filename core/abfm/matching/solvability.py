@@ -57,10 +57,19 @@ def range_bound(functions: FunctionTerm) -> float:
     return functions.residual(within_range(functions))
 
 
+def value_gap(functions: FunctionTerm) -> float:
+    """Return the larger `range_bound` of the match from f to g and of the match from g to f.
+
+    Both directions have the same result. If it is large, at least one of them has no match.
+    """
+    return max(range_bound(functions), range_bound(functions.reversed()))
+
+
 def worst_channel(functions: FunctionTerm) -> int:
-    """Return the channel whose target values outside the range of the source are largest in L2."""
-    gaps = ((within_range(functions) - functions.target) ** 2) @ functions.areas
-    return int(np.argmax(gaps * functions.weights))
+    """Return the channel in which the ranges of the functions differ most."""
+    sides = (functions, functions.reversed())
+    gaps = [((within_range(side) - side.target) ** 2) @ side.areas for side in sides]
+    return int(np.argmax(np.maximum(*gaps) * functions.weights))
 
 
 def source_is_constant(functions: FunctionTerm) -> bool:

@@ -101,8 +101,7 @@ def verdict_of(
     if verdict.cause is Cause.BOTH_CONSTANT:
         return replace(verdict.with_cause(Outcome.NOT_REACHED, verdict.cause), advice="")
     if verdict.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
-        kind = Outcome.NOT_REACHED if verdict.kind.is_good else verdict.kind
-        return replace(verdict, kind=kind, advice="", remedies=())
+        return replace(verdict, advice="", remedies=())
     if residual <= NOISE_FACTOR * noise_floor(functions, levels) and not verdict.kind.is_good:
         verdict = verdict.with_cause(
             Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions)

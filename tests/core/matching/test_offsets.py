@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import abfm
 from abfm import MatchingEnergy, Parameters, Problem
-from abfm.matching.solvability import hardly_moved, is_measured, range_bound, squeezed
+from abfm.matching.solvability import hardly_moved, is_measured, squeezed, value_gap
 from abfm.matching.solving.measures import flow_line_measures
 from abfm.outcome import Outcome
 from tests.core.fields import bump
@@ -35,8 +35,7 @@ def measurements(f, g, mask):
         functions.residual(advected),
         functions.residual(functions.source),
         functions.function_size,
-        range_bound(functions),
-        range_bound(functions.reversed()),
+        value_gap(functions),
         *flow_line_measures(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
     ]
     moved = squeezed(functions, advected), hardly_moved(functions, advected)

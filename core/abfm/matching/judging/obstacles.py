@@ -27,10 +27,10 @@ class Obstacle:
 def expected_facts(problem: Problem) -> Facts | None:
     """Return the obstacles to a match that are known before it is solved.
 
-    The outcome is ``impossible`` if no flow can match the functions. It is ``nearly`` if peaks or
-    pits differ, or if the source has values that the target lacks. A flow may then match only a
-    part of the functions. None if there is no obstacle, or if the functions already agree within
-    the goal.
+    The outcome is ``impossible`` if no flow can match the functions in both directions. It is
+    ``nearly`` if their peaks or pits differ, as a flow cannot match the functions there. The
+    outcome is the same for the reverse match. None if there is no obstacle, or if the functions
+    already agree within the goal.
     """
     functions = problem.functions
     if problem.is_of_landmarks or not functions.weights.any():
@@ -40,7 +40,7 @@ def expected_facts(problem: Problem) -> Facts | None:
     if found is None or found.cause is not Cause.BOTH_CONSTANT:
         if initial <= problem.parameters.goal:
             return None
-        found = found or extra_values(functions) or differing(functions)
+        found = found or differing(functions)
     if found is None:
         return None
     return Facts(
@@ -48,7 +48,7 @@ def expected_facts(problem: Problem) -> Facts | None:
         "impossible" if found.outcome is Outcome.IMPOSSIBLE else "may match only in part",
         sentence_of(found.cause, **found.details),
         ADVICE[found.cause],
-        {"initial_residual": initial, "residual_bound": solvability.range_bound(functions)},
+        {"initial_residual": initial, "residual_bound": solvability.value_gap(functions)},
         topics=(found.cause,),
     )
 
@@ -62,47 +62,30 @@ def obstacle(functions: FunctionTerm) -> Obstacle | None:
     if is_source_constant or is_target_constant:
         cause = Cause.SOURCE_CONSTANT if is_source_constant else Cause.TARGET_CONSTANT
         return Obstacle(Outcome.IMPOSSIBLE, cause, {})
-    if solvability.range_bound(functions) > RESIDUAL_NEARLY:
+    if solvability.value_gap(functions) > RESIDUAL_NEARLY:
         return missing_values(functions)
     return None
 
 
 def missing_values(functions: FunctionTerm) -> Obstacle:
-    """Return the obstacle that the target has values outside the range of the source."""
-    bound = share(solvability.range_bound(functions))
-    consequence = f"every flow has a residual of at least {bound}"
+    """Return the obstacle that one function has values outside the range of the other."""
     channel = solvability.worst_channel(functions)
-    return _different_ranges(functions, channel, Outcome.IMPOSSIBLE, consequence)
-
-
-def extra_values(functions: FunctionTerm) -> Obstacle | None:
-    """Return the obstacle that the source has values outside the range of the target.
-
-    None if a flow from the target to the source may have a residual of at most `RESIDUAL_NEARLY`.
-    The obstacle does not bound the residual, because a flow can squeeze these values to a small
-    area.
-    """
-    back = functions.reversed()
-    bound = solvability.range_bound(back)
-    if bound <= RESIDUAL_NEARLY:
-        return None
-    consequence = (
-        "it can only squeeze the other source values to small areas; the match from target "
-        f"to source has a residual of at least {share(bound)}"
-    )
-    channel = solvability.worst_channel(back)
-    return _different_ranges(functions, channel, Outcome.NEARLY, consequence)
-
-
-def _different_ranges(
-    functions: FunctionTerm, channel: int, outcome: Outcome, consequence: str
-) -> Obstacle:
+    bound = solvability.range_bound(functions)
+    bound_of_reverse = solvability.range_bound(functions.reversed())
+    if bound >= bound_of_reverse:
+        consequence = f"every flow has a residual of at least {share(bound)}"
+    else:
+        consequence = (
+            "it can only squeeze the other source values to small areas; the match from target "
+            f"to source has a residual of at least {share(bound_of_reverse)}"
+        )
     known = functions.areas > 0
     values = [side[channel, known] for side in (functions.source, functions.target)]
     span = max(float(np.ptp(each)) for each in values)
     source, target = (f"{value(v.min(), span)} to {value(v.max(), span)}" for v in values)
     details = {"channel": _channel(functions, channel), "source": source, "target": target}
-    return Obstacle(outcome, Cause.VALUES_DIFFER, details | {"consequence": consequence})
+    details["consequence"] = consequence
+    return Obstacle(Outcome.IMPOSSIBLE, Cause.VALUES_DIFFER, details)
 
 
 def differing(functions: FunctionTerm) -> Obstacle | None:

@@ -8,13 +8,7 @@ from functools import cached_property
 from abfm.maps.distortion import BOUNDED_SHARE, Bound
 from abfm.matching import solvability
 from abfm.matching.judging.cause import ADVICE, Cause, limit_sentence, sentence_of
-from abfm.matching.judging.obstacles import (
-    Obstacle,
-    differing,
-    extra_values,
-    missing_values,
-    obstacle,
-)
+from abfm.matching.judging.obstacles import Obstacle, differing, missing_values, obstacle
 from abfm.matching.judging.remedies import CONTINUE_REMEDY, Remedies, Remedy
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
@@ -157,7 +151,6 @@ def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -
     rules = (
         case.impossible,
         case.of_landmarks,
-        case.with_extra_values,
         case.registered,
         case.unconfirmed,
         case.by_size,
@@ -186,15 +179,6 @@ class _Case:
         return differing(self.functions)
 
     @cached_property
-    def extra_values(self) -> Obstacle | None:
-        return None if self.agree else extra_values(self.functions)
-
-    @property
-    def agree(self) -> bool:
-        """Whether the functions agreed within the goal before the match, and still do."""
-        return max(self.first, self.evidence.residual) <= self.parameters.goal
-
-    @cached_property
     def is_measured(self) -> bool:
         return solvability.is_measured(self.functions)
 
@@ -216,7 +200,8 @@ class _Case:
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
-        if self.agree and found.cause is not Cause.BOTH_CONSTANT:
+        agree = max(self.first, self.evidence.residual) <= self.parameters.goal
+        if agree and found.cause is not Cause.BOTH_CONSTANT:
             return None
         return self._verdict(found.outcome, found.cause, **found.details)
 
@@ -241,13 +226,6 @@ class _Case:
             limit=f"{100 * goal * MATCHED_ERROR / _USUAL_GOAL:.2g}%",
         )
 
-    def with_extra_values(self) -> Verdict | None:
-        """Decide by the residual alone if the source has values that the target lacks."""
-        is_folded = self.evidence.folded > FOLDED_SHARE_MAX
-        if self.extra_values is None or (self.outcome is not Outcome.NOT_REACHED and is_folded):
-            return None
-        return self._of_obstacle(self.extra_values, self.outcome)
-
     def registered(self) -> Verdict | None:
         """Return the verdict of measured functions that match as closely as the data support."""
         evidence = self.evidence
@@ -266,7 +244,7 @@ class _Case:
             return None
         if self.outcome is Outcome.NOT_REACHED:
             if self.different_features:
-                return self._of_obstacle(self.different_features)
+                return self._of_obstacle()
             cause, more_consistent = Cause.CHECKS_DISAGREE, self._more_consistent()
             return self._verdict(Outcome.NOT_REACHED, cause, *more_consistent)
         if folded > FOLDED_SHARE_MAX and not self.is_verified:
@@ -285,7 +263,7 @@ class _Case:
                 and not self.is_verified
                 and self.different_features
             ):
-                return self._of_obstacle(self.different_features, Outcome.NEARLY)
+                return self._of_obstacle(Outcome.NEARLY)
             if self.evidence.folded > FOLDED_SHARE_MAX:
                 folds = f"{share(self.evidence.folded)} of the faces are folded"
                 return self._verdict(
@@ -293,7 +271,8 @@ class _Case:
                 )
             return self._verdict(Outcome.MATCHED)
         if self.bound > self.parameters.goal:
-            return self._of_obstacle(missing_values(self.functions), Outcome.NEARLY)
+            missing = missing_values(self.functions)
+            return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
         if self._is_cut_short():
             return self._of_interruption(Outcome.NEARLY)
         verified, less_smooth = self.evidence.verified, self.remedies.smaller_alpha()
@@ -324,7 +303,7 @@ class _Case:
         if self.is_measured and evidence.held_out >= 1:
             return self._verdict(Outcome.NOT_REACHED, Cause.NO_HELD_OUT_IMPROVEMENT)
         if self.different_features:
-            return self._of_obstacle(self.different_features)
+            return self._of_obstacle()
         if self._is_cut_short():
             return self._of_interruption(Outcome.NOT_REACHED)
         if evidence.stop_reason is StopReason.LINE_SEARCH_FAILED:
@@ -375,8 +354,11 @@ class _Case:
             return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"
 
-    def _of_obstacle(self, found: Obstacle, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
-        return self._verdict(outcome, found.cause, **found.details)
+    def _of_obstacle(self, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
+        assert self.different_features is not None
+        return self._verdict(
+            outcome, self.different_features.cause, **self.different_features.details
+        )
 
     def _of_interruption(self, outcome: Outcome) -> Verdict:
         """Return the verdict of a match that ended early.
