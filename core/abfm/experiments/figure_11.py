@@ -178,7 +178,7 @@ def figure_13(setup: FigureSetup) -> Script:
     accuracies = {}
     for number, (name, points) in enumerate(found.maps.items()):
         setup.report("measuring the maps", 0.85 + 0.15 * number / len(found.maps))
-        accuracies[name] = maps.map_accuracy(points, most=vertices_max)
+        accuracies[name] = maps.map_accuracy(points, count_max=vertices_max)
     shares = {name: each.share_under(_ERROR_LEVELS) for name, each in accuracies.items()}
 
     def mean_difference(ours: str, theirs: str) -> float:

@@ -73,13 +73,15 @@ class MapAccuracy:
         )
 
 
-def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
+def map_accuracy(
+    points: PointMap, truth: ArrayLike | None = None, count_max: int = 1000
+) -> MapAccuracy:
     """Measure the geodesic errors of a map.
 
     ``truth`` (V,) is the true vertex of the codomain for each vertex of the domain, by default the
-    vertex with the same number. Distances are measured by `path_length`. With more than ``most``
-    vertices, this many are drawn at random, always the same ones, because each takes about 10 ms on
-    12,000 vertices.
+    vertex with the same number. Distances are measured by `path_length`. If the domain has more
+    than ``count_max`` vertices, this many are drawn at random, always the same ones. Each takes
+    about 10 ms on 12,000 vertices.
     """
     count, mesh = len(points.faces), points.codomain
     expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
@@ -88,12 +90,12 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
             f"truth has shape {expected.shape}; expected ({count},), one vertex for each vertex of "
             "the domain"
         )
-    if not most >= 1:
-        raise ParameterError(f"most is {most}; expected at least 1 vertex to measure")
+    if not count_max >= 1:
+        raise ParameterError(f"count_max is {count_max}; expected at least 1 vertex to measure")
     vertex_points(mesh, expected)
     chosen = np.arange(count)
-    if count > most:
-        chosen = np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+    if count > count_max:
+        chosen = np.sort(np.random.default_rng(0).choice(count, count_max, replace=False))
     unit = mesh.normalized()
     places = zip(expected[chosen], points.faces[chosen], points.barycentric[chosen], strict=True)
     return MapAccuracy(chosen, np.array([_distance(unit, *place) for place in places]))

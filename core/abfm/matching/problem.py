@@ -470,7 +470,8 @@ def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landma
     if not arrays:
         return None
     if len(arrays) != len(results.LANDMARK_ENTRIES):
-        raise ValueError(f"the file lacks some of {', '.join(results.LANDMARK_ENTRIES)}")
+        names = ", ".join(results.LANDMARK_ENTRIES)
+        raise ValueError(f"the file has {len(arrays)} of the arrays {names}; expected all or none")
     faces, barycentric, weights = arrays
     pair = tuple(SurfacePoints(mesh, faces[:, k], barycentric[:, k]) for k in range(2))
     return landmarks_of(mesh, pair, weights)

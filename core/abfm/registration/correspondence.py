@@ -284,13 +284,13 @@ class Correspondence(Display):
         """Measure how far vertices of B are displaced by the map to A and back, in edges."""
         return round_trip(self.points, self.back.at)
 
-    def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
+    def accuracy(self, truth: ArrayLike | None = None, count_max: int = 1000) -> MapAccuracy:
         """Measure geodesic errors of the map from B to A, see `abfm.maps.map_accuracy`.
 
         ``truth`` (V_B,) is the true vertex of A for each vertex of B, by default the vertex with
-        the same number. At most ``most`` vertices are measured.
+        the same number. At most ``count_max`` vertices are measured.
         """
-        return map_accuracy(self.points, truth, most)
+        return map_accuracy(self.points, truth, count_max)
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of a file: B's mesh, A's mesh with the prefix ``a_``, and both maps."""

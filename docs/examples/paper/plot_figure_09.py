@@ -42,8 +42,8 @@ match
 # The error of the map is the distance between the end of the flow and the symmetric point. Errors
 # are geodesic distances in units of the square root of the area.
 
-error = map_accuracy(match.flow.coordinate_map(), symmetry.vertex_map, most=150)
-drift = map_accuracy(match.flow.coordinate_map(2.0), most=150)
+error = map_accuracy(match.flow.coordinate_map(), symmetry.vertex_map, count_max=150)
+drift = map_accuracy(match.flow.coordinate_map(2.0), count_max=150)
 print(f"mean error of the map at tau: {error.mean:.4f}")
 print(f"mean drift at 2 tau: {drift.mean:.4f}")
 
@@ -65,7 +65,7 @@ figure_picture(Sheet((tuple(colors),), view_functions=(abs(source).sum(axis=1),)
 
 bump = abfm.function(mesh, f"gaussian:vertex={source[:, 0].argmax()},width=0.2")
 alone = abfm.match(mesh, bump, bump[symmetry.vertex_map], parameters)
-error = map_accuracy(alone.flow.coordinate_map(), symmetry.vertex_map, most=150)
+error = map_accuracy(alone.flow.coordinate_map(), symmetry.vertex_map, count_max=150)
 print(f"one function: mismatch {alone.mismatch:.3f}, mean error of the map {error.mean:.2f}")
 
 functions = {"source": alone.source, "matched": alone.advected, "target": alone.target}

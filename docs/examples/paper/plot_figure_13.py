@@ -77,7 +77,7 @@ maps = {
 levels = np.linspace(0, 0.15, 100)
 curves = []
 for name, points in maps.items():
-    accuracy = map_accuracy(points, most=300)
+    accuracy = map_accuracy(points, count_max=300)
     print(f"{name}: mean error {accuracy.mean:.4f}")
     curves.append(Curve(name, levels, 100 * accuracy.share_under(levels)))
 plot = Plot(

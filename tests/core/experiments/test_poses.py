@@ -104,7 +104,7 @@ def test_maps_without_flow_use_targets_and_start(poses):
     read = maps.maps_without_flow(poses, target)
     assert_array_equal(read[maps.TARGETS].positions, maps.closest_points(poses, target).positions)
     assert read[maps.START] is poses.start
-    errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
+    errors = {name: map_accuracy(points, count_max=200).mean for name, points in read.items()}
     assert errors[maps.START] > 0.01  # large enough to improve
     assert errors[maps.ZOOM_OUT] < 0.7 * errors[maps.START]
     assert errors[maps.TARGETS + maps.TRUNCATED_SUFFIX] < errors[maps.TARGETS]
@@ -125,7 +125,7 @@ def test_figure_13_measures_the_effect_of_the_flow(comparison):
     """The effect is the difference of mean errors; curves rise, within 0 to 100% of vertices."""
     findings = ran(13)[1]
     measured = values(findings)
-    targets = map_accuracy(comparison.maps[maps.TARGETS], most=1500).mean
+    targets = map_accuracy(comparison.maps[maps.TARGETS], count_max=1500).mean
     assert measured[f"{maps.TARGETS}: mean error, sqrt(area)"] == targets
     effect = "effect of the flow: mean error of"
     added = {name: value for name, value in measured.items() if name.startswith(effect)}

@@ -52,7 +52,7 @@ def test_errors_of_points_inside_faces():
 def test_errors_of_a_rotated_sphere_are_arcs():
     sphere, c, s = icosphere(4), np.cos(0.5), np.sin(0.5)
     turned = sphere.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-    found = map_accuracy(PointMap.project(sphere, sphere, turned), most=200)
+    found = map_accuracy(PointMap.project(sphere, sphere, turned), count_max=200)
     arcs = np.arccos((turned * sphere.vertices).sum(axis=1).clip(-1, 1))[found.vertices]
     assert_allclose(found.errors, arcs / np.sqrt(4 * np.pi), atol=0.003)
 
@@ -63,7 +63,7 @@ def test_errors_agree_with_exact_geodesics():
     to = np.arange(count)
     exact = igl.exact_geodesic(human.vertices, human.faces, np.array([100]), none, to, none)
     close = np.flatnonzero(exact < 0.3)
-    off = errors_of(human, None, np.full(count, 100), most=count)[close] - exact[close]
+    off = errors_of(human, None, np.full(count, 100), count_max=count)[close] - exact[close]
     assert off.min() >= -1e-9
     assert off.max() < 0.02
     assert off.mean() < 0.002
@@ -71,7 +71,7 @@ def test_errors_agree_with_exact_geodesics():
 
 def test_sampled_vertices_are_deterministic():
     identity = PointMap.of_vertices(RING, RING)
-    first, again = (map_accuracy(identity, most=30).vertices for _ in range(2))
+    first, again = (map_accuracy(identity, count_max=30).vertices for _ in range(2))
     assert_array_equal(first, again)
     assert len(np.unique(first)) == 30
 

@@ -17,7 +17,7 @@ def test_poses_are_mapped_vertex_by_vertex():
     a, b = bundled("human_A.off"), bundled("human_B.off")
     found = same_connectivity(a, b)
     assert (found.domain, found.codomain) == (b, a)
-    assert map_accuracy(found, most=50).maximum == 0
+    assert map_accuracy(found, count_max=50).maximum == 0
     assert_allclose(found.pull_back(a.vertices), a.vertices, atol=1e-12)
 
 

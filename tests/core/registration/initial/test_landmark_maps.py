@@ -49,7 +49,7 @@ def test_poses_are_found_by_eigenfunctions():
     ends = [int(np.argmax(a.vertices @ d)) for d in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [-1, 0, 0])]
     landmarks = Landmarks.of_vertices(a, b, ends, ends)
     points = initial_map("landmarks", MapInput(a, b, landmarks=landmarks)).correspondence.points
-    assert map_accuracy(points, most=150).mean < 0.007
+    assert map_accuracy(points, count_max=150).mean < 0.007
 
 
 @pytest.mark.parametrize("mesh", [BODY, icosphere(1)])

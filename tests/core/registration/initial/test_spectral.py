@@ -67,7 +67,7 @@ def start(a, b, mirrored=False, **known):
 
 
 def mean_error(points, truth):
-    return map_accuracy(points, truth, most=150).mean
+    return map_accuracy(points, truth, count_max=150).mean
 
 
 def test_moved_and_renumbered_copies_are_mapped_exactly():
