@@ -103,7 +103,7 @@ def test_invalid_arguments_are_refused():
     for truth, options, named in (
         (np.arange(3), {}, "truth"),
         (np.arange(count) + 1, {}, 0),
-        (None, {"most": 0}, 1),
+        (None, {"count_max": 0}, 1),
     ):
         with raises(AbfmError, named):
             errors_of(RING, None, truth, **options)
