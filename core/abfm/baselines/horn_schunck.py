@@ -29,25 +29,26 @@ def horn_schunck(
 ) -> FloatArray:
     """Return the field that minimises ``int (dF/dt + <v, grad F>)^2 + smoothness int |grad v|^2``.
 
-    The minimised energy is that of [Lefèvre & Baillet, IEEE TPAMI 30 (2008), section 3]. The
-    discretisation here differs: a tangent vector for each face, and the time derivative at the
-    face's centroid. Gradients are those halfway between both frames, which makes the linearisation
-    second order.
+    F is the function that changes from f to g. The minimised energy is that of [Lefèvre & Baillet,
+    IEEE TPAMI 30 (2008), section 3]. The discretisation differs: the field has a tangent vector for
+    each face, and the time derivative is evaluated at the face's centroid. Gradients are those of
+    the mean of f and g, which makes the linearisation second order.
 
-    The smoothness term is a finite-volume one: ``sum w_e |P_e v_f - v_f'|^2`` over edges. ``P_e``
-    unfolds one face into the plane of the other. The weight ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is
-    the length of the edge divided by the distance between the centroids.
+    The smoothness term is a sum over inner edges (finite volumes), ``sum w_e |P_e v_f - v_f'|^2``.
+    ``v_f`` and ``v_f'`` are the vectors of both faces of an edge. ``P_e`` unfolds the first face
+    into the plane of the second. The weight ``w_e = 3 l_e^2 / (2 (A_f + A_f'))`` is the length of
+    the edge divided by the distance between the centroids.
 
-    The field is linear in the change between the frames. It is accurate if displacements are small
-    compared with a wavelength.
+    For a fixed mean of f and g, the field is linear in g - f. It is accurate if displacements are
+    small compared with a wavelength.
 
     Parameters
     ----------
     mesh : TriangleMesh
     f, g : (V,) or (V, C) arrays
-        Two frames.
+        Values at the vertices at the beginning (f) and at the end (g).
     duration : float
-        Time between the frames.
+        Time between f and g.
     smoothness : float
         Weight of the smoothness term, independent of units. It applies to the mesh scaled to unit
         area, functions with standard deviation 1, and displacements over the complete duration.
@@ -59,7 +60,7 @@ def horn_schunck(
     Raises
     ------
     AbfmError
-        If the frames do not fit the mesh, or a number is not positive.
+        If f or g does not fit the mesh, or a number is not positive.
     """
     for name, value in (("duration", duration), ("smoothness", smoothness)):
         if not (is_finite_number(value) and value > 0):
@@ -90,7 +91,10 @@ def horn_schunck(
 
 @per_mesh
 def _stiffness(mesh: TriangleMesh) -> Matrix:
-    """Return the matrix (2F, 2F) of ``sum w_e |P_e v_f - v_f'|^2`` for coefficients in frames."""
+    """Return the matrix (2F, 2F) of the smoothness term of `horn_schunck`.
+
+    It acts on the coefficients of vectors in the local frames of the F faces.
+    """
     inner = ~mesh.is_boundary_edge
     slots = mesh.edge_slots[inner]  # (E, 2)
     faces, corner = np.divmod(slots, 3)

@@ -29,7 +29,7 @@ _TIME_MAX = 1e100  # largest time of a blend, relative to tau
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
-    """Return ``(1 - t / tau) f + (t / tau) g``.
+    """Return the linear interpolation ``(1 - t / tau) f + (t / tau) g``.
 
     Raises an AbfmError if the arrays have different shapes, or a value or time is not finite.
     """
@@ -54,10 +54,11 @@ def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> Floa
 class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that preserves the integral.
 
-    The heat flow takes implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has no
-    negative weights, so every entry of the kernel is positive, up to rounding. Several steps
-    approximate a Gaussian up to distances of about ``sqrt(2 steps) width``. The width is the
-    standard deviation of the flat kernel along an axis, as a fraction of sqrt(area).
+    The heat flow takes ``steps`` implicit Euler steps ``(G_V + s L)^-1 G_V`` of length s with one
+    factorisation. ``G_V`` has the areas of the vertices. L is the cotangent Laplacian without the
+    edges of negative weight, so every entry of the kernel is positive, up to rounding. Several
+    steps approximate a Gaussian up to distances of about ``sqrt(2 steps) width``. The width is the
+    standard deviation of the kernel of the plane along an axis, as a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
@@ -74,7 +75,7 @@ class HeatKernel:
         self._solve = factor(sparse.csr_array(matrix))
 
     def __call__(self, f: FloatArray) -> FloatArray:
-        """Return a function (V,) after the heat flow, in the same shape."""
+        """Return the function ``f`` (V,) smoothed by the heat flow, in the same shape."""
         for _ in range(self._steps):
             f = self._solve(self.areas * f)
         return f
@@ -92,10 +93,11 @@ def optimal_transport(
 ) -> FloatArray:
     """Return the entropic displacement interpolation of two non-negative functions.
 
-    At time t it is the Wasserstein barycentre, with weights 1 - t and t, of both functions scaled
-    to mass 1, times ``(1 - t) mass(f) + t mass(g)``. The result is blurred: by the kernel at times
-    0 and 1, and slightly more between. A smaller blur is sharper. If ``blur^2`` is far below the
-    product of distance and edge length, mass moves slowly near both ends and fast between them.
+    For time t, f and g are scaled to mass (integral) 1. The result is their Wasserstein barycentre
+    with weights 1 - t and t, times ``(1 - t) mass(f) + t mass(g)``. At times 0 and 1 it is blurred
+    by the `HeatKernel`, and slightly more between them. A smaller ``blur`` gives a sharper result.
+    If ``blur^2`` is far below the product of transport distance and edge length, mass moves slowly
+    near times 0 and 1 and fast between them.
 
     Parameters
     ----------
@@ -109,8 +111,8 @@ def optimal_transport(
     steps : int
         Number of implicit Euler steps of the heat flow.
     sharpen : bool
-        Whether to keep the entropy of the interpolation below the larger one of f and g (algorithm
-        3).
+        Whether to limit the entropy of the interpolation to the larger of the entropies of f and g
+        (algorithm 3).
 
     Returns
     -------
@@ -145,7 +147,11 @@ def optimal_transport(
 def _barycentre(
     heat: HeatKernel, densities: list[FloatArray], t: float, bound: float
 ) -> FloatArray:
-    """Return the barycentre with weights 1 - t and t, by Bregman projections (algorithm 2)."""
+    """Return the barycentre of two densities, with weights 1 - t and t (algorithm 2).
+
+    It is computed by Bregman projections with the kernel ``heat``. Its entropy is at most
+    ``bound``, which may be infinite.
+    """
     areas, tiny = heat.areas, np.finfo(np.float64).tiny
     scalings = [np.ones_like(density) for density in densities]
     found = np.zeros_like(densities[0])
@@ -165,9 +171,10 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Return the power of a density, with the smallest exponent from 1, of entropy up to ``bound``.
+    """Raise a density to the smallest power, from 1 to 64, whose entropy is at most ``bound``.
 
-    The method is algorithm 3 of Solomon et al. (2015).
+    The method is algorithm 3 of Solomon et al. (2015). If no such power exists, the power 64 is
+    used.
     """
 
     def power(exponent: float) -> FloatArray:

@@ -1,13 +1,13 @@
 """Continuous matching in a reduced spectral basis: few smooth fields, dense exponentials.
 
 The method follows Corman, Ovsjanikov, Chambolle: Continuous Matching via Vector Field Flow, SGP
-2015. A field is a combination of gradients and rotated gradients of the first eigenfunctions. Its
-operator is a small dense matrix in the eigenbasis. A given functional map is composed with the flow
-of the field to approximate another functional map.
+2015. A field is a combination of gradients and rotated gradients of the first eigenfunctions. The
+derivative along a field is a small dense matrix in the eigenbasis. An initial functional map is
+composed with the flow of the field to approximate a target functional map.
 
-The derivative of the exponential is exact, as a block of a larger exponential. It is computed once
-for all fields by its adjoint, while the paper computes one for each field. Harmonic fields, which
-exist on surfaces with handles, are not included.
+The derivative of the exponential is exact, as a block of a larger exponential. It is computed for
+all fields at once by the adjoint of the exponential, while the paper computes it for one field at a
+time. Harmonic fields, which exist on surfaces with handles, are not included.
 """
 
 from dataclasses import dataclass
@@ -53,13 +53,15 @@ class ReducedMatch:
 class ReducedEnergy:
     """The energy of a field in a reduced basis, and its gradient.
 
-    The energy of coefficients a is
-    ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``.
+    The basis has the first eigenfields of the Hodge Laplacian: ``fields`` gradients, and as many
+    rotated gradients. A field has coefficients a in this basis. ``Lambda`` has the eigenvalues.
+    ``D(a)`` is the derivative along the field as a matrix (k, k) in the first k eigenfunctions. The
+    energy is ``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2
+    sigma^2)``.
 
-    The basis consists of eigenfields of the Hodge Laplacian with eigenvalues ``Lambda``: ``fields``
-    gradients, and as many rotated gradients. ``start``, the initial map, and ``target`` (k, m) are
-    functional maps to the mesh, in its first k eigenfunctions. AbfmError if these maps or the
-    number of fields are invalid.
+    ``start`` (the initial map) and ``target`` are functional maps (k, m) to ``mesh``.
+    ``parameters`` has alpha, tau and sigma. Raises an AbfmError if the maps or the number of fields
+    are invalid.
     """
 
     def __init__(
@@ -91,11 +93,14 @@ class ReducedEnergy:
         self.operators = _operators(self.mesh, self.basis, len(self.start))
 
     def exponent(self, a: FloatArray) -> FloatArray:
-        """Return the matrix ``-tau D(a)``, (k, k)."""
+        """Return the exponent ``-tau D(a)`` (k, k) of the flow of a field with coefficients a."""
         return -self.tau * np.tensordot(a, self.operators, 1)
 
     def __call__(self, a: FloatArray) -> tuple[float, FloatArray]:
-        """Return the energy and its gradient at coefficients (M,); infinity and 0 on overflow."""
+        """Return the energy and its gradient (M,) for the coefficients ``a`` (M,) of a field.
+
+        If the energy overflows, return infinity and a zero gradient.
+        """
         exponent = self.exponent(a)
         with np.errstate(all="ignore"):
             difference = expm(exponent) @ self.start - self.target
@@ -109,7 +114,7 @@ class ReducedEnergy:
 
 
 def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
-    """Find a smooth field whose flow improves a functional map, by L-BFGS from ``a = 0``."""
+    """Minimise the energy by L-BFGS, from the zero field; return the field and the improved map."""
     first = np.zeros(len(energy.weights))
     best = fmin_l_bfgs_b(energy, first, m=_MEMORY, maxiter=_ITERATIONS_MAX)[0]
     final, size = expm(energy.exponent(best)) @ energy.start, np.linalg.norm(energy.target)
@@ -123,11 +128,12 @@ def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
 
 
 def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (2 count,) of the Hodge Laplacian and eigenfields (2F, 2 count) in frames.
+    """Return eigenvalues (2 count,) and eigenfields (2F, 2 count) of the Hodge Laplacian.
 
-    The eigenfields have norm 1. They are gradients, then rotated gradients, of the first
-    eigenfunctions except the constant one. If there is a boundary, the rotated gradients are those
-    of functions that vanish there, so no field has a flux through it.
+    The eigenfields are columns of coefficients in the local frames of the faces, with norm 1. The
+    first ``count`` are gradients of the first eigenfunctions except the constant one; the others
+    are rotated gradients. If there is a boundary, the rotated gradients are those of functions that
+    vanish there, so no field has a flux through it.
     """
     values, functions = (part[..., 1:] for part in eigenbasis(mesh, count + 1))
     gradients = gradient(mesh) @ functions / np.sqrt(values)
@@ -151,7 +157,10 @@ def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]
 
 
 def _operators(mesh: TriangleMesh, basis: FloatArray, k: int) -> FloatArray:
-    """Return the matrices ``Phi^+ D_v Phi`` of all M fields of the basis, shape (M, k, k)."""
+    """Return the derivatives along the M fields of ``basis`` as matrices, shape (M, k, k).
+
+    The matrix of a field v is ``Phi^+ D_v Phi``, where ``Phi`` has the first k eigenfunctions.
+    """
     functions = eigenbasis(mesh, k)[1]
     slopes = (gradient(mesh) @ functions).reshape(-1, 2, k)
     tests = averaging(mesh).T @ (vertex_areas(mesh)[:, None] * functions)

@@ -1,4 +1,4 @@
-"""Advection of functions along consecutive fields, with the adjoint, and to many times at once."""
+"""Advection of functions along consecutive fields, to one or many times, and its derivative."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from abfm.types import FloatArray
 
 
 class LinearisedFlow:
-    """``id - t D_v`` of one field, the first two terms of the exponential (Eq. 5)."""
+    """The linearised flow ``id - t D_v`` of one field v (Eq. 5).
+
+    ``D_v`` is the derivative along v. The flow has the first two terms of the exponential ``exp(-t
+    D_v)``.
+    """
 
     rho = 0.0  # a step is one product, whatever its length
 
@@ -22,13 +26,14 @@ class LinearisedFlow:
         self.pattern, self.values = pattern, pattern.values(v)
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) by one step of length ``t``."""
+        """Advect ``f`` (V,) by one step of length ``t``; return it with the data for `backward`."""
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Add the derivative by the field (Eq. 8), ``-t D̄_f^T mu``, to ``gradient``.
+        """Apply the adjoint of `forward` to ``mu`` (V,), a derivative by the advected function.
 
-        Return the derivative by ``f``, ``(id - t D_v)^T mu``.
+        Add the derivative by the field (Eq. 8), ``-t D̄_f^T mu``, to ``gradient`` (F, 2). Return
+        the derivative by ``f``, ``(id - t D_v)^T mu``.
         """
         pattern = self.pattern
         start, dual = pattern.restricted(trajectory.segments[0].start), pattern.restricted_dual(mu)
@@ -46,18 +51,28 @@ class LinearisedFlow:
 
 
 class Advection:
-    """The flows of N consecutive fields, each for a time ``step``, by `Discretisation.flow`."""
+    """The flow along N consecutive fields, each for a time ``step``.
+
+    ``parts`` are the flows of the fields. `Discretisation.flow` returns such objects.
+    """
 
     def __init__(self, parts: Sequence[ExponentialFlow | LinearisedFlow], step: float) -> None:
         self.parts, self.step = parts, step
 
     @property
     def exponent(self) -> float:
-        """Spectral bound of ``D_v`` times time: about the number of products of an advection."""
+        """The approximate number of matrix products of an advection.
+
+        It is the time times a bound of the spectral radius of ``D_v``, summed over the fields.
+        """
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) along all fields; return trajectories, the last with the result."""
+        """Advect ``f`` (V,) along all fields; return one trajectory for each field.
+
+        The ``end`` of the last trajectory is the advected function. With ``keep``, trajectories
+        store terms for `backward`.
+        """
         trajectories: list[Trajectory] = []
         for part in self.parts:
             trajectories.append(part.forward(f, self.step, keep))
@@ -67,15 +82,19 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative by the fields to ``gradient`` (N, F, 2).
+        """Add the derivative of a number by the fields to ``gradient`` (N, F, 2).
 
-        ``mu`` (V,) is the derivative by the advected function.
+        ``mu`` (V,) is the derivative of this number by the advected function, and ``trajectories``
+        are the result of `forward`.
         """
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 
     def at(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect a function ``f`` (V,) to each of T times, which gives (T, V); see `abfm.Flow`."""
+        """Advect ``f`` (V,) to T times of either sign; return an array (T, V).
+
+        `abfm.Flow` defines negative times and times beyond the last field.
+        """
         out = np.empty((len(times), len(f)))
         order = np.argsort(np.abs(times), kind="stable")
         ahead, back = order[times[order] >= 0], order[times[order] < 0]
@@ -99,7 +118,7 @@ class Advection:
         return out
 
     def _to_earlier_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` (V,) to negative times, each separately; return an array (T, V)."""
+        """Advect ``f`` (V,) to T negative times, each separately; return an array (T, V)."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):
             last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)
@@ -112,9 +131,9 @@ class Advection:
 
 
 class Discretisation:
-    """The discrete advection of functions on a mesh, and its memory.
+    """The discrete advection of functions on a mesh, and the memory that it uses.
 
-    Functions have a value for each vertex or for each cluster of vertices.
+    It computes with one value for each vertex or, see `clustered`, for each cluster of vertices.
     """
 
     def __init__(
@@ -129,13 +148,14 @@ class Discretisation:
         self.workspace = Workspace(self.size)
 
     def clustered(self) -> Discretisation:
-        """Return the discretisation of functions with one value per cluster of vertices."""
+        """Return the same discretisation, but with one value for each cluster of vertices."""
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
-        """Return the flow of N consecutive fields (N, F, 2), each for ``tau / N``.
+        """Return the flow along N consecutive fields (N, F, 2), each for ``tau / N``.
 
-        A new flow releases the terms that earlier flows stored in the workspace.
+        Fields have coefficients in the local frames of faces. ``tolerance`` is that of the series
+        for exponentials. A new flow releases the terms that earlier flows stored in the workspace.
         """
         self.workspace.release()
         parts = [

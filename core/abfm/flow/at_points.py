@@ -13,7 +13,10 @@ from abfm.types import BoolArray, FloatArray, IndexArray
 
 
 def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> FloatArray:
-    """Make a field (F, 3) continuous, as for flow lines, and return its vectors at P points."""
+    """Return the vectors (P, 3) of a field (F, 3) at P points.
+
+    The field is first made continuous, as for the flow lines of `ContinuousFlow`.
+    """
     unit = mesh.normalized()
     vectors = smooth_flow(unit, field).vectors[points.faces]
     places = np.empty((len(points.faces), 2))
@@ -28,8 +31,8 @@ def straightest_geodesics(
     """Follow the straightest geodesics [Polthier and Schmies, 1998] from P points.
 
     The vectors (P, 3), in the planes of the faces of the points, give directions and lengths.
-    Return the end points, and a mask (P,) of the geodesics that met no boundary. Those that met one
-    end at the point where they began.
+    Return the end points, and a mask (P,) of the geodesics that met no boundary. A geodesic that
+    met a boundary ends at the point where it began.
     """
     unit, faces = mesh.normalized(), start.faces.copy()
     frames = face_frames(mesh)[faces]
@@ -45,7 +48,7 @@ def straightest_geodesics(
 
 @per_mesh
 def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
-    """Return a flow of a zero field: its data for geodesics do not depend on a field."""
+    """Return the data for geodesics on a mesh, with a zero field, as they do not need one."""
     return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
 
 
@@ -53,7 +56,12 @@ def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
 def walk(
     flow: SmoothFlow, faces: IndexArray, places: FloatArray, ways: FloatArray, inside: BoolArray
 ) -> None:
-    """Follow geodesics along ``ways`` (P, 2) in the face frames; update faces and places."""
+    """Follow P geodesics along the vectors ``ways`` (P, 2); update ``faces`` and ``places``.
+
+    ``places`` (P, 2) are the coordinates of the points in the local frames of their faces, as are
+    the vectors. ``inside`` (P,) becomes False for a geodesic that meets a boundary; its point does
+    not move.
+    """
     for i in range(faces.size):
         x, y, u, v = places[i, 0], places[i, 1], ways[i, 0], ways[i, 1]
         end = walk_straight(flow, Walker(faces[i], x, y, u, v), False)

@@ -1,7 +1,8 @@
 """Clusters of vertices, so that a few thin triangles do not determine the cost of an advection.
 
-The number of products with ``D_v`` grows with the largest rate of a vertex. The rate is the sum of
-the rates of its faces over its area. At slivers it is a hundred times the usual rate.
+The cost is the number of products with the matrix of ``D_v``, the derivative along a field. It
+grows with the largest rate of a vertex, the sum of absolute entries in its row for fields of length
+1. At slivers this rate is a hundred times the usual one.
 """
 
 import numpy as np
@@ -21,10 +22,10 @@ _RATE_GAIN_MIN = 1.5  # a smaller reduction of the rate does not justify a secon
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Return the number of the cluster of each vertex, shape (V,), or None if clusters save little.
+    """Return the index of the cluster of each vertex (V,), or None if clusters save little.
 
-    In each round, the pairs at the ends of the shortest edges join; a cluster joins at most one
-    other cluster per round.
+    Clusters are joined along edges in several rounds, the shortest edges first. In a round, a
+    cluster joins at most one other cluster.
     """
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
@@ -54,7 +55,11 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Return bounds of the absolute row sums of ``D_v`` on clusters, for fields of length 1."""
+    """Return an upper bound of the rate of each cluster.
+
+    The rate is the absolute row sum of the matrix of ``D_v`` for fields v of length 1. ``clusters``
+    (V,) has the index of the cluster of each vertex.
+    """
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
     count = int(clusters.max()) + 1

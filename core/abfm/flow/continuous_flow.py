@@ -1,8 +1,8 @@
-"""The flow of a field made continuous; it checks the maps of the discrete advection.
+"""Flows of fields that are made continuous; their flow lines check the discrete advection.
 
-Each vertex gets the vector of `corner_fit`, and inside a face these vectors are interpolated. Flow
+Each vertex gets a vector by `corner_fit`, and inside a face these vectors are interpolated. Flow
 lines then bend instead of having kinks at edges. Points follow the field by the midpoint rule,
-straight across edges. From a vertex they begin in the face that the field leads into. On smooth
+straight across edges. A point at a vertex starts in the face that the field leads into. On smooth
 fields the error falls with the square of the edge length.
 """
 
@@ -44,7 +44,7 @@ Face: TypeAlias = int | np.int64
 class ContinuousFlow:
     """The flow of a field made continuous, or of N consecutive fields, each for ``tau / N``.
 
-    A point at the boundary moves along the boundary with the tangential part of the field.
+    A point that meets the boundary moves along it with the tangential part of the field.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class ContinuousFlow:
         return self.between(start, self.tau if t is None else t, 0.0)
 
     def between(self, start: SurfacePoints | None, begin: float, end: float) -> SurfacePoints:
-        """Move points (all vertices if None) from a time to a later one, or back to an earlier one.
+        """Move points (all vertices if None) from time ``begin`` to time ``end``, forward or back.
 
         Raises
         ------
@@ -101,7 +101,10 @@ class ContinuousFlow:
         return self._walked(start, spans)
 
     def _spans(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return the numbers of the fields between two ascending times, and their durations."""
+        """Return the fields that are active between two ascending times.
+
+        Each item has the index of a field and its duration.
+        """
         if not 0 <= begin <= end < math.inf:
             raise ParameterError(
                 f"flow lines start at time {begin:g} and end at time {end:g}; expected finite "
@@ -120,7 +123,10 @@ class ContinuousFlow:
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
-        """Return field ``j`` made continuous (cached), at corners (F, 3) and for flow lines."""
+        """Make field ``j`` continuous; return its vectors at corners (F, 3) and its `SmoothFlow`.
+
+        The result for the last field is cached.
+        """
         cached = self._cache
         if cached is None or cached[0] != j:
             unit = refined(self.mesh, self._refined).normalized()
@@ -129,7 +135,10 @@ class ContinuousFlow:
         return cached[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
-        """Move points along fields; ``spans`` has their numbers and times of either sign."""
+        """Move points (all vertices if None) along consecutive fields.
+
+        Each item of ``spans`` has the index of a field and a duration, negative against the flow.
+        """
         mesh, k = self.mesh, self._refined
         faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
         faces, barycentric = to_children(faces, barycentric, k)
@@ -156,7 +165,10 @@ class ContinuousFlow:
 
 
 class SmoothFlow(NamedTuple):
-    """A continuous field, prepared for flow lines. Places are in frames with corner 0 as origin."""
+    """A continuous field, linear in each face, prepared for flow lines.
+
+    Positions and vectors are coordinates in the local frame of a face, whose origin is corner 0.
+    """
 
     vectors: FloatArray  # (F, 3, 2): vector at the first corner, and its derivatives by x and by y
     gradients: FloatArray  # (F, 3, 2), gradients of the hat functions
@@ -168,7 +180,7 @@ class SmoothFlow(NamedTuple):
 
 
 class Walker(NamedTuple):
-    """A point (x, y) in the frame of a face, and a vector (u, v) there; face -1 is off the mesh."""
+    """A point (x, y) and a vector (u, v) in the local frame of a face; face -1 is off the mesh."""
 
     face: Face
     x: float
@@ -178,12 +190,19 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous, with lengths in ``unit``; it stays zero in zero faces."""
+    """Make a field (F, 3) continuous, and prepare it for flow lines.
+
+    Faces in which the field is zero keep a zero field. Coordinates of points are in multiples of
+    the length ``unit``.
+    """
     return from_corners(mesh, corner_vectors(mesh, field), unit)
 
 
 def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> SmoothFlow:
-    """Prepare flow lines of the continuous field that has given `corner_vectors` (F, 3)."""
+    """Prepare a continuous field, given by its `corner_vectors` (F, 3), for flow lines.
+
+    Coordinates of points are in multiples of the length ``unit``.
+    """
     gradients, unfolding = hat_gradients(mesh), _unfolding(mesh)
     if unit != 1.0:
         gradients, unfolding = gradients * unit, unfolding / [1.0, 1.0, unit, unit]
@@ -203,7 +222,10 @@ def _unfolding(mesh: TriangleMesh) -> FloatArray:
 
 
 def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Make a field (F, 3) continuous; return vectors (4 F, 3) in faces of the subdivided mesh."""
+    """Make a field (F, 3) continuous, and return it on the mesh subdivided once, (4 F, 3).
+
+    Each face of the subdivided mesh gets the vector at its centre.
+    """
     vectors, corners = smooth_flow(mesh, field).vectors, mesh.vertices[mesh.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(mesh))
     places = np.einsum("qc,fck->fqk", _CENTRES[:, 1:], sides)
@@ -212,12 +234,20 @@ def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 
 def angular_offsets(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
-    """Return angles between vectors and corner middles, relative to corner angles; inf for 0."""
+    """Return the angles between vectors and corner bisectors, as multiples of the corner angles.
+
+    ``middles`` are the directions of the bisectors. Vectors and directions are complex numbers. The
+    offset of a zero vector is infinite.
+    """
     return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
 
 
 def downstream_slots(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
-    """Return, for each vertex, the slot ``3 f + k`` in the face f that its vector leads into."""
+    """Return, for each vertex, the slot ``3 f + k`` at which the flow leaves it.
+
+    The field at the vertex, corner k of face f, leads into face f. ``vectors`` (F, 3) are complex
+    vectors at corners.
+    """
     around = corners(mesh)
     off = angular_offsets(vectors, around.middles, around.angles)
     slots = np.argsort(-off, axis=None, kind="stable")
@@ -241,10 +271,11 @@ def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, flo
 
 @kernel
 def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walker:
-    """Set a walker's vector to ``step`` times the field halfway along it, the midpoint rule.
+    """Replace a walker's vector by ``step`` times the field half a step ahead (midpoint rule).
 
-    The vector is given in the frame of the walker's face. Beyond a boundary the face is -1, unless
-    ``slide`` allows the walker to slide along it.
+    The previous vector determines the half step. The new vector is in the local frame of the
+    walker's face. If the half step leaves the mesh, the face becomes -1, unless ``slide`` allows
+    the walker to slide along the boundary.
     """
     f, x, y, u, v = walker
     g, a, b, p, q = walk_straight(flow, Walker(f, x, y, u / 2, v / 2), slide)
@@ -301,7 +332,10 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
 def enter(
     gradients: FloatArray, faces: IndexArray, barycentric: FloatArray, places: FloatArray
 ) -> None:
-    """Convert weights (P, 3) of points to places (P, 2) in face frames, moved slightly inwards."""
+    """Convert barycentric weights (P, 3) of points to coordinates in the local frames of faces.
+
+    The coordinates are written to ``places`` (P, 2). Points are moved slightly inwards.
+    """
     for i in range(faces.size):
         (a, b), (c, d) = gradients[faces[i], 1], gradients[faces[i], 2]
         second = (1 - _INWARD_SHARE) * barycentric[i, 1] + _INWARD_SHARE / 3
@@ -315,7 +349,10 @@ def enter(
 def leave(
     gradients: FloatArray, faces: IndexArray, places: FloatArray, barycentric: FloatArray
 ) -> None:
-    """Convert places (P, 2) in face frames to barycentric weights (P, 3), not negative."""
+    """Convert coordinates ``places`` (P, 2) in the local frames of faces to barycentric weights.
+
+    The weights, which are not negative, are written to ``barycentric`` (P, 3).
+    """
     for i in range(faces.size):
         total = 0.0
         for c in range(3):
@@ -331,10 +368,11 @@ def leave(
 def advect_points(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
-    """Move points along a continuous field for a time of either sign.
+    """Move P points along a continuous field for a duration of either sign.
 
-    Steps are short compared with the time in which the field changes by its own size. Points near
-    zeros of the field therefore do not jump.
+    ``faces`` and the coordinates ``places`` (P, 2) in their local frames are updated. ``sizes``
+    (F,) are the square roots of the areas of all faces. Steps are short compared with the time in
+    which the field changes by its own size. Points near zeros of the field therefore do not jump.
     """
     for i in range(faces.size):
         f, x, y = faces[i], places[i, 0], places[i, 1]

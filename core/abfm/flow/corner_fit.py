@@ -1,10 +1,10 @@
 """Vectors at the corners of faces, fitted to the vectors of the faces around each vertex.
 
-The faces around a vertex are unrolled into the plane. Angles are scaled to a full turn if the faces
-close, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013. A linear function is
-fitted to the vectors at the centres of the faces, and evaluated at the vertex. Vectors are complex
-numbers in the frames of the faces. Everything except the vectors is computed once per mesh, and the
-fit is linear in the vectors.
+The faces around a vertex are unrolled into the plane. If they go all around it, angles are scaled
+to a full turn, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013. A linear
+function is fitted to the vectors at the centres of the faces, and evaluated at the vertex. Vectors
+are complex numbers in the local frames of the faces. The fit is linear in the vectors, and its
+weights are computed once per mesh.
 """
 
 from __future__ import annotations
@@ -23,31 +23,37 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 
 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
-    """Make a field (F, 3) continuous; return complex vectors (F, 3) at corners, 0 in zero faces."""
+    """Make a field (F, 3) continuous; return its complex vectors (F, 3) at the corners of faces.
+
+    They are in the local frames of the faces, and 0 in faces where the field is zero.
+    """
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
 
 def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Return the vectors at corners, shape (F, 3), fitted to the vectors in faces, shape (F,)."""
+    """Return vectors (F, 3) at corners that are fitted to vectors (F,) of faces.
+
+    All vectors are complex numbers in the local frames of the faces.
+    """
     fit = _fit(mesh)
     found = _sums(mesh, fit.weights * vectors[:, None])[mesh.corner_fans]
     return np.asarray(np.conj(fit.rotations) * found)
 
 
 def fitted_adjoint(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Apply the adjoint of `fitted` to vectors (F, 3) at corners; return vectors (F,) in faces."""
+    """Apply the adjoint of `fitted` to vectors (F, 3) at corners; return vectors (F,) of faces."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.rotations * vectors)[mesh.corner_fans]
     return np.asarray((np.conj(fit.weights) * found).sum(axis=1))
 
 
 class Corners(NamedTuple):
-    """Corners of the faces, in the frames of the faces."""
+    """The geometry of the corners of each face, in the local frame of the face."""
 
     places: IndexArray  # (F, 3), positions as complex numbers, the first corner at 0
     middles: IndexArray  # (F, 3), complex, unit directions of the angle bisectors
-    angles: FloatArray  # (F, 3)
+    angles: FloatArray  # (F, 3), in radians
     scaled: FloatArray  # (F, 3), angles scaled to a full turn around inner vertices
 
 
@@ -99,7 +105,10 @@ def _fit(mesh: TriangleMesh) -> _Fit:
 
 
 def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
-    """Return the sums of values at corners (F, 3) over each of `TriangleMesh.corner_fans`."""
+    """Sum values at corners (F, 3) over each fan of faces around a vertex.
+
+    Fans are those of `TriangleMesh.corner_fans`.
+    """
     fans = mesh.corner_fans.ravel()
     parts = (numbers.real, numbers.imag) if np.iscomplexobj(numbers) else (numbers,)
     sums = [np.bincount(fans, part.ravel()) for part in parts]
@@ -119,7 +128,12 @@ def _is_closed(mesh: TriangleMesh) -> BoolArray:
 
 @kernel
 def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
-    """Replace negative ``turns`` (F, 3) by angles from a fan's first face to corner middles."""
+    """Write to ``turns`` (F, 3) the directions of corner bisectors in the unrolled fans of faces.
+
+    A direction is an angle, 0 where the fan of the corner's vertex begins. ``angles`` (F, 3) are
+    the corner angles, and ``neighbours`` the mesh's ``opposite_slots``. Initial values of ``turns``
+    are negative.
+    """
     for slot in range(angles.size):
         if turns[slot // 3, slot % 3] >= 0.0:
             continue
@@ -136,14 +150,20 @@ def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> Non
 
 @kernel
 def adjacent_slot(neighbours: IndexArray, slot: int, turn: int) -> int:
-    """Return the slot of the same vertex in the next face, to the left (1) or right (2), or -1."""
+    """Return the slot of the same vertex in the next face, left (``turn`` 1) or right (``turn`` 2).
+
+    A slot is a corner k of a face f, ``3 f + k``. The result is -1 at a boundary.
+    """
     other = neighbours[slot // 3, (slot + turn) % 3]
     return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
 
 
 @kernel
 def clockwise_end(neighbours: IndexArray, slot: int) -> int:
-    """Return the first slot in the fan of faces at a vertex, or ``slot`` if the fan is closed."""
+    """Return the first slot (corner ``3 f + k``) in the fan of faces around the vertex of ``slot``.
+
+    If the fan goes all around the vertex, the first slot is ``slot`` itself.
+    """
     here, before = slot, adjacent_slot(neighbours, slot, 2)
     while before >= 0 and before != slot:
         here, before = before, adjacent_slot(neighbours, before, 2)

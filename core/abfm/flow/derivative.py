@@ -1,8 +1,10 @@
-"""The matrix of ``D_v``: a fixed sparsity, filled for a new field by one pass over the faces.
+"""The matrix of ``D_v``, the derivative along a field v.
 
-The entries of a row are stored in groups of seven, as a vertex of valence six has seven. ``indptr``
-counts groups, and ``indices`` and values are (G, 7). The last group of a row is padded with zeros.
-All loads of a group come before its stores, which makes the adjoint fast.
+Its sparsity is fixed, and one pass over the faces computes its entries for a new field. The entries
+of a row are stored in groups of seven, because a vertex with six neighbours has seven entries.
+``indptr`` has the first of the G groups of each row. ``indices`` (columns) and values have shape
+(G, 7). The last group of a row is padded with zeros. All loads of a group come before its stores,
+which makes the adjoint fast.
 """
 
 from dataclasses import dataclass
@@ -25,7 +27,7 @@ _BLOCKED_VERTICES_MIN = 20_000  # on smaller meshes, blocks do not save time
 
 
 class Assembly(NamedTuple):
-    """The linear map from a field to the entries of ``D_v``."""
+    """The linear map from a field v to the entries of the matrix of ``D_v``."""
 
     faces: IndexArray  # (F, 3)
     positions: IndexArray  # (F, 3, 3), position of the entry in row corner a, column corner b
@@ -35,15 +37,16 @@ class Assembly(NamedTuple):
 
 @dataclass(frozen=True)
 class DerivativePattern:
-    """The fixed sparsity of ``D_v`` (vertex adjacency with diagonal) and the data that fills it.
+    """The fixed sparsity of the matrix of ``D_v``, and the data that computes its entries from v.
 
-    Vertices are renumbered so that neighbours are close in memory. With `abfm.flow.clusters`, rows
-    and columns are clusters with one value each.
+    A row has entries for a vertex and its neighbours. Vertices are renumbered so that neighbours
+    are close in memory; this is the pattern's order. With `abfm.flow.clusters`, rows and columns
+    are clusters with one value each.
     """
 
     # (V,): f[order] is a function in the pattern's order; vertices of a cluster are consecutive
     order: IndexArray
-    rank: IndexArray  # (V,): f[rank] is a function in the mesh's order; the cluster of each vertex
+    rank: IndexArray  # (V,), row of each vertex: f[rank] is a function in the mesh's order
     # (V,), share of each vertex in the area of its cluster; None without clusters
     shares: FloatArray | None
     indptr: IndexArray  # (V + 1,), first group of each row
@@ -62,7 +65,7 @@ class DerivativePattern:
         return f[self.order] if self.shares is None else self._summed(self.shares * f)
 
     def extended(self, f: FloatArray) -> FloatArray:
-        """Return a function of the pattern's order at the vertices of the mesh, shape (V,)."""
+        """Return the values (V,) at the vertices of a function in the pattern's order."""
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
@@ -77,35 +80,42 @@ class DerivativePattern:
         return np.asarray(np.bincount(self.rank, f, self.size), dtype=np.float64)
 
     def values(self, v: FloatArray) -> FloatArray:
-        """Return the entries (G, 7) of ``D_v`` for frame coefficients ``v`` (F, 2)."""
+        """Return the entries (G, 7) of the matrix of ``D_v`` for a field (F, 2) in local frames."""
         out = np.empty(self.indices.size)
         assemble(self.assembly, v, out)
         return out.reshape(self.indices.shape)
 
     def transposed(self, values: FloatArray) -> FloatArray:
-        """Return the entries (G, 7) of the transposed matrix."""
+        """Return the entries (G, 7) of the transpose of the matrix with entries ``values``."""
         return values.ravel()[self.transpose].reshape(values.shape)
 
     def product(self, values: FloatArray, f: FloatArray) -> FloatArray:
-        """Multiply the matrix with these entries by a function, both in the pattern's order."""
+        """Multiply the matrix with entries ``values`` by a function in the pattern's order."""
         out = np.empty_like(f)
         grouped_product(self.indptr, self.indices, values, f, out)
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Convert a derivative by entries of ``D_v`` to one by ``v``; add it to ``out`` (F, 2)."""
+        """Convert derivatives by the entries of ``D_v`` to derivatives by v.
+
+        ``entries`` (G, 7) are the derivatives of a number; its derivatives by v are added to
+        ``out`` (F, 2).
+        """
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 
 @per_mesh
 def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern for functions with one value per vertex."""
+    """Return the pattern of ``D_v`` for functions with one value per vertex."""
     return _pattern(mesh, np.arange(len(mesh.vertices)), mesh.edges, mesh.face_edges)
 
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern for functions with one value per cluster of `vertex_clusters`."""
+    """Return the pattern of ``D_v`` for functions with one value per cluster of vertices.
+
+    If `vertex_clusters` finds no useful clusters, the pattern has one value per vertex.
+    """
     clusters = vertex_clusters(mesh)
     if clusters is None:
         return derivative_pattern(mesh)
@@ -120,10 +130,10 @@ def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
 def _pattern(
     mesh: TriangleMesh, clusters: IndexArray, edges: IndexArray, face_edges: IndexArray
 ) -> DerivativePattern:
-    """Return a pattern, from the cluster of each vertex (V,).
+    """Return the pattern for functions with one value per cluster.
 
-    ``edges`` connect clusters, and ``face_edges`` (F, 3) are the edges opposite the corners of
-    faces.
+    ``clusters`` (V,) has the index of the cluster of each vertex. ``edges`` connect clusters, and
+    ``face_edges`` (F, 3) are the indices of the edges opposite the corners of faces.
     """
     count = int(clusters.max()) + 1
     ends = np.concatenate([edges, edges[:, ::-1]])
@@ -172,7 +182,10 @@ def _pattern(
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
-    """Return the bounds of blocks of rows; each block has all neighbours of the block before it."""
+    """Divide the rows of the matrix into blocks, and return the bounds of the blocks.
+
+    All neighbours of the rows of a block are in the same, the next or the previous block.
+    """
     count = len(indptr) - 1
     if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])
@@ -186,7 +199,7 @@ def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
 
 @kernel
 def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
-    """Write the entries of ``D_v`` for a field (F, 2) to ``out``."""
+    """Write the entries of the matrix of ``D_v`` for a field (F, 2) in local frames to ``out``."""
     faces, positions, slopes, inverse_areas = assembly
     out[:] = 0.0
     for f in range(faces.shape[0]):
@@ -198,7 +211,7 @@ def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def assemble_transposed(assembly: Assembly, entries: FloatArray, out: FloatArray) -> None:
-    """Add derivatives by the entries to ``out``, as derivatives by the field (F, 2)."""
+    """Convert derivatives by entries of ``D_v`` to derivatives by v; add them to ``out`` (F, 2)."""
     faces, positions, slopes, inverse_areas = assembly
     for f in range(faces.shape[0]):
         for b in range(3):
@@ -225,7 +238,7 @@ def dot(a: FloatArray, b: tuple[float, ...]) -> float:
 def grouped_product(
     indptr: IndexArray, indices: IndexArray, values: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
-    """Compute ``out = matrix @ x``."""
+    """Compute ``out = matrix @ x`` for a matrix that is stored in groups of seven entries."""
     for i in range(out.size):
         total = 0.0
         for group in range(indptr[i], indptr[i + 1]):
@@ -235,7 +248,10 @@ def grouped_product(
 
 @kernel
 def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, rounds: int) -> float:
-    """Bound the spectral radius by the best of some Collatz-Wielandt quotients of ``|matrix|``."""
+    """Return an upper bound of the spectral radius of a matrix in groups of seven entries.
+
+    It is the smallest of up to ``rounds`` Collatz-Wielandt quotients of ``|matrix|``.
+    """
     size = indptr.size - 1
     x, y = np.ones(size), np.empty(size)
     best = np.inf

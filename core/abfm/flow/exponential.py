@@ -1,10 +1,11 @@
 """The action of ``exp(-t D_v)`` on functions, and its adjoint.
 
-The exponential is a Chebyshev series on the imaginary axis, where the spectrum of ``D_v`` lies
-except for small real parts. It is ``exp(-t D) f = sum_k c_k J_k(t rho) phi_k`` with Bessel
-functions ``J_k``, ``c_0 = 1`` and ``c_k = 2``. The terms are ``phi_0 = f``, ``phi_1 = -(D / rho)
-f`` and ``phi_(k+1) = -2 (D / rho) phi_k + phi_(k-1)``. A long time is split into equal segments.
-The derivative is that of the computed sum, so it is exact for any truncation.
+``D_v`` is the derivative along a field v, and ``rho`` a bound of its spectral radius. The
+exponential is a Chebyshev series on the imaginary axis, where the spectrum of ``D_v`` lies except
+for small real parts. It is ``exp(-t D) f = sum_k c_k J_k(t rho) phi_k`` with Bessel functions
+``J_k``, ``c_0 = 1`` and ``c_k = 2``. The terms are ``phi_0 = f``, ``phi_1 = -(D / rho) f`` and
+``phi_(k+1) = -2 (D / rho) phi_k + phi_(k-1)``. A long time is split into equal segments. The
+derivative is that of the computed sum, so it is exact for any truncation.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ _SWEEP = 4  # terms per sweep, whose rows of the matrix stay in the cache togeth
 
 
 class RowProducts:
-    """Number of products of functions with rows of ``D_v`` or of its transpose.
+    """A count of the products of functions with rows of ``D_v`` or of its transpose.
 
     ``is_shared`` is True if other counts were open at the same time, for example in another thread.
     Each of these counts then includes the products of all.
@@ -57,7 +58,10 @@ _open_counts: list[RowProducts] = []
 
 @contextmanager
 def counted_row_products() -> Iterator[RowProducts]:
-    """Count the products of series and adjoints in this process: V for each term on V vertices."""
+    """Count the row products of all advections in this process while the context is open.
+
+    On V vertices, each term of a series or of its adjoint has V row products.
+    """
     products = RowProducts()
     _open_counts.append(products)
     if len(_open_counts) > 1:
@@ -70,7 +74,10 @@ def counted_row_products() -> Iterator[RowProducts]:
 
 
 def _count(terms: int, size: int) -> None:
-    """Count a series of ``terms`` terms, of which the first is the function itself."""
+    """Add the row products of a series with ``terms`` terms and ``size`` rows to the open counts.
+
+    The first term is the function itself, which needs no product.
+    """
     for products in _open_counts:
         products.count += max(terms - 1, 0) * size
 
@@ -78,8 +85,8 @@ def _count(terms: int, size: int) -> None:
 class Workspace:
     """Memory for the terms of series with ``size`` rows, reused between evaluations.
 
-    The workspace takes about 560 MB, of which only the used part is touched, and as much scratch
-    memory if it is full.
+    The memory has about 560 MB, of which only the used part is touched. A full workspace needs as
+    much scratch memory in addition.
     """
 
     def __init__(self, size: int) -> None:
@@ -93,20 +100,23 @@ class Workspace:
 
     @cached_property
     def rolling(self) -> FloatArray:
-        """The last three terms, shape (3, size), of a series that does not store its terms."""
+        """Memory for the last three terms (3, size) of a series that does not store its terms."""
         return np.empty((3, self.size))
 
     @cached_property
     def terms(self) -> FloatArray:
-        """Rows of stored terms, (capacity and two blocks, size); advection alone stores none."""
+        """Memory for stored terms, one per row: (capacity and two blocks, size).
+
+        It is allocated when terms are stored for a derivative for the first time.
+        """
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
-        """Return whether this number of more rows fits; the first block is for temporary data."""
+        """Return whether ``rows`` more terms fit; the first block is only for temporary terms."""
         return self.used - self.block + rows <= self.capacity
 
     def take(self, rows: int) -> FloatArray | None:
-        """Return rows that stay valid until `release`, or None if there is no space."""
+        """Return memory for ``rows`` terms, valid until `release`, or None if there is no space."""
         end = self.used + rows
         return self.terms[self.used : end] if end <= len(self.terms) else None
 
@@ -116,18 +126,21 @@ class Workspace:
 
 
 def _likely_terms(x: float) -> int:
-    """Return the usual number of terms of a series at the default tolerance."""
+    """Return the usual number of terms at the default tolerance, for ``x = t rho``."""
     return int(x + 8 * np.cbrt(x)) + 8
 
 
 def _bessel_coefficients(x: float) -> FloatArray:
-    """Return ``c_k J_k(x)`` down to values below rounding."""
+    """Return the coefficients ``c_k J_k(x)`` of a series, down to values below rounding."""
     return bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 
 @dataclass
 class Segment:
-    """One series: its start, its number of terms, and the stored terms with their generation."""
+    """One segment of an advection: its first function, and the number of terms of its series.
+
+    The stored terms, if any, are valid while the workspace has the same generation.
+    """
 
     start: FloatArray
     count: int
@@ -137,7 +150,11 @@ class Segment:
 
 @dataclass
 class Trajectory:
-    """Data for an adjoint: segments of time ``step``, their end, and the subtracted constant."""
+    """An advected function (``end``), and the data for the adjoint of its advection.
+
+    Each segment lasts a time ``step``. ``constant`` was subtracted before the segments and added to
+    ``end``, because a flow does not change it.
+    """
 
     step: float
     segments: list[Segment]
@@ -146,9 +163,9 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of a field ``v`` (F, 2), as a truncated series for each segment of time.
+    """The flow ``exp(-t D_v)`` of a field v (F, 2), as a truncated series for each time segment.
 
-    The truncation is relative to ``max |f|``.
+    The tolerance of the truncation is relative to ``max |f|`` of the advected function f.
     """
 
     def __init__(
@@ -176,7 +193,11 @@ class ExponentialFlow:
         return flow
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) over time ``t``; ``keep`` stores terms for `backward` if they fit."""
+        """Advect ``f`` (V,) over time ``t``.
+
+        With ``keep``, terms are stored for `backward` if they fit into the workspace; otherwise
+        `backward` computes them again.
+        """
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
             raise AdvectionError(
@@ -194,7 +215,11 @@ class ExponentialFlow:
         return trajectory
 
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
-        """Compute all segments; return None if they are too long, so that terms outgrow ``f``."""
+        """Advect ``f`` by ``count`` segments of time ``step``; return None if they are too long.
+
+        In a segment that is too long, terms become so large compared with ``f`` that they lose
+        digits.
+        """
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
         # without space, `backward` recomputes the terms of one segment after the other
@@ -227,14 +252,15 @@ class ExponentialFlow:
         return self.pattern.extended(end), used, growth
 
     def _series_of(self, values: FloatArray, step: float, coefficients: FloatArray) -> Series:
-        """Return the series of a step, for the entries of ``D_v`` or of its transpose."""
+        """Return the series of a time ``step``, for the entries of ``D_v`` or of its transpose."""
         pattern, scale = self.pattern, -float(np.sign(step)) / self.rho
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Return the derivative by ``f``, and add the derivative by ``v`` to ``gradient`` (F, 2).
+        """Apply the adjoint of `forward` to ``mu`` (V,), a derivative by the advected function.
 
-        ``mu`` (V,) is the derivative by the advected function.
+        Add the derivative by the field ``v`` to ``gradient`` (F, 2), and return the derivative by
+        ``f``.
         """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)
@@ -253,7 +279,10 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` to T times, ordered away from zero, by a series per segment, to (T, V)."""
+        """Advect ``f`` (V,) to T times of one sign, ordered away from zero; return an array (T, V).
+
+        All times in a segment are evaluated with the same terms.
+        """
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)
@@ -273,12 +302,13 @@ class ExponentialFlow:
 
 
 class Series(NamedTuple):
-    """A sum ``sum_k coefficients[k] phi_k`` for a matrix M in groups.
+    """A series ``sum_k coefficients[k] phi_k`` for a matrix M that is stored in groups of entries.
 
-    The terms are ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M phi_k + phi_(k-1)``. The rows
-    between two ``bounds`` have neighbours only in the same, the next or the previous block. Several
-    terms can therefore be computed in one sweep, each one block behind the term before, while the
-    matrix is in the cache. Terms are stored cyclically; the term before the first is 0.
+    The terms are ``phi_0 = f`` (the function), ``phi_1 = scale M f`` and ``phi_(k+1) = 2 scale M
+    phi_k + phi_(k-1)``. ``bounds`` divide the rows into blocks. The rows of a block have neighbours
+    only in the same, the next or the previous block. Several terms can therefore be computed in one
+    sweep, each one block behind the term before, while the matrix is in the cache. Terms are stored
+    cyclically; the term before the first is 0.
     """
 
     indptr: IndexArray
@@ -291,7 +321,10 @@ class Series(NamedTuple):
 
 @kernel
 def bessel_coefficients(x: float, count: int) -> FloatArray:
-    """Compute ``J_0(x), 2 J_1(x), ...`` by Miller's recurrence; the last of them must vanish."""
+    """Compute the ``count`` numbers ``J_0(x), 2 J_1(x), ...`` by Miller's recurrence.
+
+    ``count`` must be so large that the last of these numbers is negligible.
+    """
     out: FloatArray = np.zeros(count)
     if x == 0.0:
         out[0] = 1.0
@@ -319,7 +352,11 @@ def _without_negligible(f: FloatArray) -> FloatArray:
 
 @kernel
 def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: FloatArray) -> float:
-    """Compute term k on a block of rows, add it to ``out``, and return its largest entry."""
+    """Compute term k of a series on a block of rows; return its largest absolute value.
+
+    Add the term times its coefficient to ``out``. ``terms`` has the previous terms and receives the
+    new one.
+    """
     indptr, indices, values, bounds = series.indptr, series.indices, series.values, series.bounds
     factor, weight = series.scale if k == 1 else 2.0 * series.scale, series.coefficients[k]
     rows = terms.shape[0]
@@ -341,7 +378,10 @@ def _forward_rows(series: Series, k: int, block: int, terms: FloatArray, out: Fl
 def _sweep(
     series: Series, start: int, terms: FloatArray, out: FloatArray, largest: FloatArray
 ) -> None:
-    """Compute as many terms as ``largest`` has entries, beginning with term ``start``."""
+    """Compute several terms of a series, beginning with term ``start``, in one sweep over all rows.
+
+    Their number is the length of ``largest``, which receives the largest absolute value of each.
+    """
     blocks, steps = series.bounds.size - 1, largest.size
     largest[:] = 0.0
     for front in range(blocks + steps - 1):
@@ -357,9 +397,10 @@ def chebyshev_forward(
 ) -> tuple[int, float]:
     """Sum a series into ``out``; return the number of terms and ``max |phi_k| / max |f|``.
 
-    The sum stops when two consecutive terms are below a tolerance times ``max |f|``, but not before
-    the first term of the ``truncation``. The number is 0 if there are too few coefficients.
-    ``terms`` (rows, V) receives the ``phi_k`` cyclically.
+    ``truncation`` has the number of a term and a tolerance. The sum stops when two consecutive
+    terms, from that term on, are below the tolerance times ``max |f|``. The returned number is 0 if
+    there are too few coefficients or values overflow. ``terms`` (rows, V) receives the ``phi_k``
+    cyclically.
     """
     first, tolerance = truncation
     coefficients, f = series.coefficients, _without_negligible(f)
@@ -399,7 +440,11 @@ def _backward_rows(
     duals: tuple[FloatArray, FloatArray],
     entries: FloatArray,
 ) -> None:
-    """Compute the derivative by term k on a block; add the one by the matrix to ``entries``."""
+    """Compute the adjoint of term k of a series on a block of rows; ``place`` is (k, block).
+
+    ``duals`` has the derivative by the sum, and memory for the results of the last three terms.
+    Derivatives by the entries of the matrix are added to ``entries``.
+    """
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (
         series.indptr,
@@ -425,10 +470,10 @@ def _backward_rows(
 def chebyshev_backward(
     series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Apply the adjoint of a sum of ``count`` terms to ``mu``, the derivative by the sum.
+    """Apply the adjoint of a series of ``count`` terms to ``mu`` (V,), a derivative by its sum.
 
-    ``series`` holds the entries of the transposed matrix; the derivative by them is added to
-    ``entries``.
+    Return the derivative by the function. ``series`` has the entries of the transposed matrix; the
+    derivative by them is added to ``entries``. ``terms`` are those of `chebyshev_forward`.
     """
     blocks, mu = series.bounds.size - 1, _without_negligible(mu)
     most = _SWEEP if blocks > 1 else 1

@@ -1,4 +1,4 @@
-"""The flow of given fields: functions advected along it, and its maps."""
+"""The flow of fields: functions advected along it, and the maps of its points."""
 
 from collections.abc import Iterator
 from functools import cached_property, partial
@@ -26,12 +26,13 @@ from abfm.types import FloatArray
 
 
 def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterator[PointMap]:
-    """Yield, for each of T times, the map of vertices to the origins of their values.
+    """Yield, for each of T times, the map from each vertex to the origin of its value.
 
-    The origin of a value is the point from which the flow advects it to the vertex. With
-    ``inverse``, vertices are mapped to their destinations; negative times exchange the two. Points
-    continue from the previous time if it is smaller and they move forward, or backward along a
-    single field.
+    The origin is the point from which the flow advects a value to the vertex. With ``inverse``,
+    each vertex is mapped to its destination. A negative time exchanges origins and destinations.
+
+    Points continue from the map of the previous time if that time is smaller. This requires that
+    they move forward, or backward along a single field.
     """
     mesh, points = lines.mesh, None
     from_time, went_ahead = 0.0, False
@@ -47,7 +48,7 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
 
 
 def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> SurfaceMap:
-    """Return the function that takes points and returns their images under a map of `flow_maps`."""
+    """Return a map of `flow_maps` at one time as a function of points that returns their images."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
 
@@ -112,7 +113,7 @@ class Flow:
 
     @property
     def fine_mesh(self) -> TriangleMesh:
-        """The mesh of the given fields."""
+        """The mesh of `fine_velocity`."""
         return refined(self.mesh, self.refined)
 
     @cached_property
@@ -121,12 +122,12 @@ class Flow:
         return mean_of_children(self.fine_velocity, len(self.mesh.faces))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Omit cached values, which copies and other processes can recompute."""
+        """Return the state for copies without cached values, which can be recomputed."""
         left_out = ("_advection", "_lines")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
-        """Advect a function to time ``t`` (tau by default).
+        """Advect a function ``h`` to time ``t`` (tau by default).
 
         The function and the result have shape (V,) or (V, C). For T times, the result has shape (T,
         V) or (T, V, C). One pass over several times is much faster than separate calls.
@@ -152,11 +153,12 @@ class Flow:
         return advected.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return the origin of each vertex's value at time ``t`` (tau by default).
+        """Return the map from each vertex to the origin of its value at time ``t`` (default: tau).
 
-        With ``inverse``, return the destination of each vertex. The map follows the flow lines of
-        the continuous field (`ContinuousFlow`). Beyond tau the last field continues. A negative
-        time gives the inverse of the other map.
+        The origin is the point from which the flow advects a value to the vertex. With ``inverse``,
+        the map takes each vertex to its destination. A negative time exchanges the two maps. Both
+        follow the flow lines of the continuous field (`ContinuousFlow`). Beyond tau the last field
+        continues.
         """
         [found] = self.point_maps([self.tau if t is None else t], inverse)
         return found
@@ -164,7 +166,7 @@ class Flow:
     def point_maps(self, times: ArrayLike, inverse: bool = False) -> Iterator[PointMap]:
         """Yield the maps of `point_map` for each of T times.
 
-        For ascending times, points continue from the previous map instead of zero where that is
+        For ascending times, points continue from the previous map instead of time 0 where that is
         possible.
         """
         moments = np.atleast_1d(real_numbers(times, "t", ParameterError))
@@ -173,31 +175,30 @@ class Flow:
         return flow_maps(self._lines, moments, inverse)
 
     def coordinate_map(self, t: float | None = None) -> PointMap:
-        """Return the map of the paper, by advected coordinates.
+        """Return the map at time ``t`` (tau by default) by advected coordinates, as in the paper.
 
         The map takes each vertex to the surface point closest to the coordinates that `push`
-        advects there. Discrete flows may fold this map.
+        advects to the vertex. Discrete flows may fold this map.
         """
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure the map of each vertex to its destination at time ``t`` (tau by default).
+        """Measure the distortion of the map from each vertex to its destination at time ``t``.
 
-        See `PointMap.distortion`.
+        The default time is tau. See `PointMap.distortion`.
         """
         return self.point_map(t, inverse=True).distortion()
 
     def round_trip(self, t: float | None = None) -> RoundTrip:
         """Measure the error of a round trip, in mean edge lengths.
 
-        A round trip is the map of time ``t``, followed by its inverse map.
-
-        See `abfm.maps.round_trip`.
+        A round trip follows the flow from 0 to ``t`` (tau by default), and back to 0. See
+        `abfm.maps.round_trip`.
         """
         return self._round_trip(self.point_map(t, inverse=True), t)
 
     def map_quality(self, t: float | None = None) -> FlowMapQuality:
-        """Measure the distortion of the map of time ``t``, and the error of its round trip."""
+        """Measure the distortion and the round-trip error of the flow to ``t`` (tau by default)."""
         there = self.point_map(t, inverse=True)
         return FlowMapQuality(there.distortion(), self._round_trip(there, t))
 
@@ -220,7 +221,7 @@ class Flow:
 
     @cached_property
     def _advection(self) -> Advection:
-        """The discrete flow, in the mesh's units; times do not depend on the unit of length."""
+        """The discrete flow in the mesh's unit of length; times do not depend on this unit."""
         fields = to_frame(self.fine_mesh, self.fine_velocity)
         return _discretisation(self.fine_mesh, self.method).flow(fields, self.tau)
 
@@ -229,10 +230,10 @@ _discretisation = per_mesh(Discretisation)  # all flows on a mesh share its memo
 
 
 def advect(mesh: MeshLike, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
-    """Advect ``f`` along a field (F, 3) for a time of either sign: ``exp(-t D_v) f`` (Eq. 4).
+    """Advect ``f`` along a field v (F, 3) for a time of either sign: ``exp(-t D_v) f`` (Eq. 4).
 
-    ``f`` (V,) or (V, C) has values at the vertices of the mesh or of its file; the result has the
-    same shape. See `Flow.push`.
+    ``D_v`` is the derivative along v. ``f`` (V,) or (V, C) has values at the vertices of the mesh
+    or of its file; the result has the same shape. See `Flow.push`.
     """
     mesh = as_mesh(mesh)
     return Flow(mesh, check_field(mesh, velocity, "velocity")).push(f, t)

@@ -49,14 +49,18 @@ class Tape(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """The end points of L flow lines, and the tapes for the derivative."""
+    """The end points of L flow lines, and the records of their steps for the derivative."""
 
     points: SurfacePoints
     tapes: list[Tape]  # one tape for each field
 
 
 class FlowLineDerivative:
-    """Flow lines from points of a mesh of unit area along fields in frame coefficients."""
+    """Flow lines from L points along N consecutive fields, and derivatives of their end points.
+
+    The mesh has unit area. Fields have coefficients in the local frames of faces, and each lasts
+    ``tau / N``.
+    """
 
     def __init__(self, points: SurfacePoints, tau: float) -> None:
         self.mesh, self.points, self.tau = points.mesh, points, tau
@@ -65,7 +69,10 @@ class FlowLineDerivative:
         self._fans = _Fans(points)
 
     def walk(self, x: FloatArray) -> Walk:
-        """Follow fields (N, F, 2), each for ``tau / N``; AdvectionError after too many faces."""
+        """Follow the flow lines of fields ``x`` (N, F, 2), and record their steps.
+
+        Raises an AdvectionError if they need too many steps or have no finite end points.
+        """
         faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
         tapes: list[Tape] = []
         places = np.empty((len(faces), 2))
@@ -88,9 +95,10 @@ class FlowLineDerivative:
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
 
     def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
-        """Return the derivative, shape (N, F, 2), of a function of the end points by the fields.
+        """Return the derivative (N, F, 2) of a number by the fields.
 
-        ``slopes`` (L, 2) are its derivatives by the end points, in the frames of their faces.
+        ``slopes`` (L, 2) are the derivatives of this number by the end points of ``walk``, in the
+        local frames of their faces.
         """
         slopes = slopes.copy()
         found = np.empty((len(walk.tapes), len(self.mesh.faces), 2))
@@ -102,7 +110,7 @@ class FlowLineDerivative:
         return found
 
     def steps(self, field: FloatArray, fields: int) -> int:
-        """Return the number of steps along one of ``fields`` consecutive fields, a power of two."""
+        """Return the number of steps along one of ``fields`` consecutive fields: a power of two."""
         with np.errstate(over="ignore"):
             fastest = math.sqrt(float((field**2).sum(axis=1).max()))
         over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
@@ -114,7 +122,10 @@ class FlowLineDerivative:
         return int(2 ** math.ceil(math.log2(max(over, _STEPS_MIN))))
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
-        """Return the derivative (2 L, 2 N F) of the end points, in face frames, by the fields."""
+        """Return the derivative (2 L, 2 N F) of the end points by the fields.
+
+        End points and fields have coordinates in the local frames of faces.
+        """
         rows, zeros = [], np.zeros((len(self.points.faces), 2))
         for row in range(zeros.size):
             checkpoint()
@@ -144,7 +155,11 @@ class _Fans:
         self._angles = around.angles.ravel()[self._slots]
 
     def turn_downstream(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
-        """Move points at vertices into the faces ahead of corner vectors (`downstream_slots`)."""
+        """Move each point at a vertex into the adjacent face that the field leads into.
+
+        ``vectors`` (F, 3) are complex vectors at corners, see `downstream_slots`. ``faces`` and
+        ``weights`` of the points are updated.
+        """
         off = angular_offsets(vectors.ravel()[self._slots], self._middles, self._angles)
         order = np.argsort(-off, kind="stable")
         best = np.full(len(faces), -1)
@@ -155,7 +170,7 @@ class _Fans:
 
 @kernel
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return ``a b`` for (2, 2) and (2, n) matrices."""
+    """Return the matrix product ``a b`` of a (2, 2) and a (2, n) matrix."""
     out = np.empty((2, b.shape[1]))
     for i in range(2):
         for j in range(b.shape[1]):
@@ -167,11 +182,14 @@ def product(a: FloatArray, b: FloatArray) -> FloatArray:
 def glide(
     flow: SmoothFlow, f: int, place: FloatArray, way: FloatArray, motion: FloatArray
 ) -> tuple[int, bool, FloatArray]:
-    """Move straight by a vector across faces, sliding along boundaries, as `walk_straight` does.
+    """Move a point straight by a vector across faces, as `walk_straight`, with derivatives.
 
-    Place and vector (2,) are updated to those at the end; ``motion`` (2, 2) becomes the rotation to
-    the frame there. Return the face, whether the point slid, and a matrix (4, 4). The matrix has
-    the derivatives of place (rows 0, 1) and vector (rows 2, 3) at the end by both at the start.
+    The point slides along boundaries. ``place`` and vector ``way`` (2,), in the local frame of face
+    ``f``, are updated to those at the end. ``motion`` (2, 2) becomes the rotation from the first
+    frame to the last.
+
+    Return the last face, whether the point slid, and a matrix (4, 4). It has the derivatives of
+    place (rows 0, 1) and vector (rows 2, 3) at the end by place and vector at the start.
     """
     gradients, left, entered, slid = flow.gradients, 1.0, -1, False
     x, y, u, v = place[0], place[1], way[0], way[1]
@@ -226,7 +244,10 @@ def glide(
 
 @kernel
 def weights_at(flow: SmoothFlow, f: int, place: FloatArray, out: FloatArray) -> None:
-    """Write the barycentric weights (3,) of a place in a face."""
+    """Write to ``out`` (3,) the barycentric weights of a point in face ``f``.
+
+    ``place`` (2,) has its coordinates in the local frame of the face.
+    """
     for c in range(3):
         x, y = flow.gradients[f, c, 0], flow.gradients[f, c, 1]
         out[c] = x * place[0] + y * place[1] + (1.0 if c == 0 else 0.0)
@@ -234,7 +255,7 @@ def weights_at(flow: SmoothFlow, f: int, place: FloatArray, out: FloatArray) -> 
 
 @kernel
 def slopes_in(flow: SmoothFlow, f: int) -> FloatArray:
-    """Return the derivative (2, 2) of the field by the place in a face."""
+    """Return the derivative (2, 2) of the field by the position in face ``f``."""
     out = np.empty((2, 2))
     for i in range(2):
         for k in range(2):
@@ -246,7 +267,11 @@ def slopes_in(flow: SmoothFlow, f: int) -> FloatArray:
 def follow(
     flow: SmoothFlow, step: float, faces: IndexArray, places: FloatArray, tape: Tape
 ) -> None:
-    """Move points by the steps of a tape, by the midpoint rule, and write the tape."""
+    """Move points along a field by steps of the midpoint rule, and record the steps in ``tape``.
+
+    ``faces`` and the coordinates ``places`` (L, 2) in their local frames are updated. ``step`` is
+    the duration of a step.
+    """
     turn, ignored = np.empty((2, 2)), np.empty((2, 2))
     by_halfway, by_seen, by_start = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
     for i in range(faces.size):
@@ -298,9 +323,10 @@ def follow(
 
 @kernel
 def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
-    """Propagate the derivatives (L, 2) by the ends of L flow lines back to their first points.
+    """Propagate the derivative of a number from the ends of L flow lines back to their starts.
 
-    The derivatives by the field's vectors at corners are added to ``at_corners`` (F, 3, 2).
+    ``slopes`` (L, 2) has the derivatives by the ends, and receives those by the starts. The
+    derivatives by the field's vectors at corners are added to ``at_corners`` (F, 3, 2).
     """
     count = tape.faces.shape[1]
     for i in range(slopes.shape[0]):

@@ -1,10 +1,10 @@
 """Flow lines of fields that are constant in each face, traced exactly from edge to edge.
 
-Exact flow lines check the discrete advection. A walker is a face and barycentric weights. ``where``
-has the face and the corner opposite the edge along which the walker slides (-1 inside the face). If
-both faces of an edge push towards it, the walker follows Filippov's solution: the mean of the two
-vectors that lies along the edge. At a vertex, it continues in a face that leads away or along an
-edge, whichever is the fastest.
+Exact flow lines check the discrete advection. A walker is a moving point, given by its face and
+barycentric weights ``b``. ``where`` has the face and the corner opposite the edge along which the
+walker slides (-1 inside the face). If both faces of an edge push towards it, the walker follows
+Filippov's solution: the mean of the two vectors that lies along the edge. From a vertex, the walker
+continues along an edge or in a face that leads away, whichever is the fastest.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
 
 @dataclass(frozen=True, eq=False)
 class FlowLine:
-    """The path of one point: straight at constant speed between K consecutive places."""
+    """The path of one point: straight at constant speed between K consecutive positions."""
 
     # (K,), times at the places, ascending from 0, or descending from 0 against the flow
     times: FloatArray
@@ -48,7 +48,7 @@ class FlowLine:
     """
 
     def at(self, t: float) -> FloatArray:
-        """Return the position (3,) at a time, clipped to the times of the path."""
+        """Return the position (3,) at time ``t``, which is clipped to the times of the path."""
         order = slice(None) if self.times[-1] >= 0 else slice(None, None, -1)
         times = self.times[order]
         return np.array([np.interp(t, times, self.positions[order, x]) for x in range(3)])
@@ -104,7 +104,7 @@ def flow_lines(
 
 
 class FaceFlow(NamedTuple):
-    """A field prepared for tracing."""
+    """A field that is constant in each face, prepared for tracing flow lines."""
 
     rates: FloatArray  # (F, 3), growth of each barycentric weight per unit of time
     # (F, 3), component along the edge opposite each corner, in edges per unit of time
@@ -114,7 +114,7 @@ class FaceFlow(NamedTuple):
 
 
 class Path(NamedTuple):
-    """Memory for the places that a walker crosses."""
+    """Memory for the times and positions at which a walker crosses edges and vertices."""
 
     times: FloatArray  # (K,)
     faces: IndexArray  # (K,)
@@ -124,7 +124,10 @@ class Path(NamedTuple):
 def _walked(
     face: int, start: FloatArray, spans: list[tuple[FaceFlow, float, float]], path: Path
 ) -> tuple[int, int]:
-    """Trace a walker along fields; return the number of its places and its final state."""
+    """Trace a walker along consecutive fields; return the number of places and the final state.
+
+    ``spans`` has each field with its begin and end time. Crossed places are written to ``path``.
+    """
     where, b = np.array([face, -1]), start.copy()
     count, status = 0, STAGNATION_STATE
     for flow, begin, end in spans:
@@ -141,7 +144,10 @@ def _walked(
 
 
 def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
-    """Prepare a field (F, 3); raise ParameterError if it is so large that rates overflow."""
+    """Prepare a field (F, 3) for tracing flow lines.
+
+    Raises a ParameterError if the field is so large that rates overflow.
+    """
     coefficients, corners = to_frame(mesh, field), mesh.vertices[mesh.faces]
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     edges = np.einsum("fcx,fkx->fck", edges, face_frames(mesh))
@@ -157,10 +163,10 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
 
 @kernel
 def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
-    """Return the speed of sliding along an edge to which the fields of both its faces point.
+    """Return the speed of a walker along an edge to which the fields of both its faces point.
 
-    The speed is in edges per unit of time. Positive speeds lead from corner ``c + 1`` to ``c + 2``
-    of face ``f``.
+    The edge is opposite corner ``c`` of face ``f``. The speed is in edges per unit of time.
+    Positive speeds lead from corner ``c + 1`` to ``c + 2`` of the face.
     """
     slot = flow.neighbours[f, c]
     g, k = slot // 3, slot % 3
@@ -172,7 +178,11 @@ def sliding_speed(flow: FaceFlow, f: int, c: int) -> float:
 
 @kernel
 def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
-    """Cross the edge opposite corner ``c``, or begin to slide along it; return the state."""
+    """Move a walker across the edge opposite corner ``c``; return its state.
+
+    If the field behind the edge points back, the walker slides along the edge instead. At a
+    boundary it stops.
+    """
     slot = flow.neighbours[where[0], c]
     if slot < 0:
         return BOUNDARY_STATE
@@ -190,7 +200,10 @@ def cross_edge(flow: FaceFlow, where: IndexArray, b: FloatArray, c: int) -> int:
 
 @kernel
 def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) -> int:
-    """Move a walker at a corner to its fastest continuation, in edges or face heights per time."""
+    """Move a walker from a vertex to the face or edge with the fastest motion; return its state.
+
+    Speeds are in edges or face heights per unit of time. If none is positive, the walker stops.
+    """
     b[:] = 0.0
     fastest, face, away_from, along = 0.0, where[0], corner, -1
     is_closed = False
@@ -225,7 +238,11 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Move a walker for a time, at most to the next edge or vertex; return the time and state."""
+    """Move a walker for a time, but at most to the next edge or vertex.
+
+    ``rates`` (3,) are the changes of its barycentric weights per unit of time. Return the used time
+    and the state of the walker.
+    """
     leave, used = -1, time
     for i in range(3):
         if rates[i] < 0.0 and b[i] <= -rates[i] * used:
@@ -252,7 +269,11 @@ def trace(
     path: Path,
     count: int,
 ) -> tuple[int, int]:
-    """Trace from one time to another; write each crossing to the path after ``count`` places."""
+    """Trace a walker along a field for a ``span`` from one time to another.
+
+    Each crossing is written to ``path``, which has ``count`` places before. Return the new count
+    and the state of the walker.
+    """
     (where, b), (now, end) = walker, span
     rates = np.empty(3)
     status = MOVING_STATE
@@ -274,7 +295,7 @@ def trace(
 
 
 def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
-    """Check N fields on the mesh subdivided k times; return (N, 4^k F, 3) and k."""
+    """Check a field, or N fields, on the mesh subdivided k times; return (N, 4^k F, 3) and k."""
     given = real_numbers(velocity, "velocity", ParameterError)
     array = given[None] if given.ndim == 2 else given
     if array.ndim != 3 or array.shape[2] != 3 or not len(array):
@@ -292,7 +313,10 @@ def checked_fields(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray,
 
 
 def start_points(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:
-    """Return faces (P,) and barycentric weights (P, 3), not negative, of points of the mesh."""
+    """Check that points belong to a mesh; return their faces (P,) and barycentric weights (P, 3).
+
+    Negative weights become 0, and the sum of weights becomes 1.
+    """
     if len(start.mesh.faces) != len(mesh.faces):
         raise ParameterError(
             f"start has points of a mesh with {len(start.mesh.faces)} faces; expected points of "
