@@ -156,14 +156,17 @@ class Evaluation:
 
 
 def through_sphere(registered: TriangleMesh, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-    """Return the map from A to B by ``registered``, which another program registered to B."""
+    """Return the map from A to B that a registration by another program defines.
+
+    ``registered`` is the sphere of A after that registration to the sphere of B.
+    """
     return Correspondence.through_sphere(a, b, sphere_directions(registered), sphere_directions(b))
 
 
 def subject_rows(
     subject: Hemisphere, template: Hemisphere, registered: TriangleMesh
 ) -> Iterator[Cells]:
-    """Yield a row for each registration of the subject to the template, by spheres or surfaces."""
+    """Yield a row for each registration of the subject to the template, on spheres or surfaces."""
     cortex = template.cortex
     evaluation = Evaluation(subject, template, cortex)
     a, b, f, g = subject.sphere, template.sphere, subject.depth, template.depth
@@ -205,7 +208,7 @@ def subject_rows(
 
 
 def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
-    """Return masks of the cortex on a template by name, and None for a run without a mask."""
+    """Return masks of the template's cortex by name; the mask for a run without a mask is None."""
     found: dict[str, BoolArray | None] = {"mask thickness > 0": template.cortex}
     if template.labels:
         names = np.char.lower(np.array(template.labels))
@@ -214,7 +217,7 @@ def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
 
 
 def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield a row for each mask: the scores of the last steps, with the selected step in bold."""
+    """Yield a row for each mask: held-out scores of the last steps, the selected one in bold."""
     for name, mask in masks(template).items():
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
@@ -225,7 +228,7 @@ def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 
 
 def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield a row for each norm of fields with which the subject is registered to the template."""
+    """Yield a row for each norm of velocity fields with which the subject is registered."""
     evaluation = Evaluation(subject, template, template.cortex)
     for changes in _NORMS:
         found = register(
@@ -244,7 +247,7 @@ def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 
 
 def side_rows(left: Hemisphere, right: Hemisphere) -> Iterator[Cells]:
-    """Yield a row for each map from the mirrored right hemisphere to the left one."""
+    """Yield a row for each map from the mirrored right hemisphere to the left hemisphere."""
     evaluation = Evaluation(right, left, left.cortex)
     f, g = right.depth[None], left.depth[None]
     weights_a, weights_b = (side.cortex.astype(np.float64) for side in (right, left))

@@ -93,7 +93,7 @@ def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[
 
 
 def time_below(history: FloatArray, energy: float) -> float | None:
-    """Return the seconds until a history falls below an energy, or None."""
+    """Return the seconds until a history's energy is below a value; None if it never is."""
     below = np.flatnonzero(history[:, 1] < energy)
     return float(history[below[0], 0]) if len(below) else None
 

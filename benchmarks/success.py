@@ -163,7 +163,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two distant vertices in a range of distances from it."""
+    """Return a random vertex, and two vertices in a range of distances from it and apart."""
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -188,7 +188,7 @@ def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float
 
 
 def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
-    """Return the number in the file of a vertex far from its mirror image, or None."""
+    """Return the file's number of a vertex far from its mirror image; None if there is none."""
     try:
         mirror = detect_symmetry(mesh, "mirror")
     except SymmetryError:

@@ -120,7 +120,7 @@ def _traced(velocity: Velocity, points: FloatArray, step: float) -> FloatArray:
 
 
 class Case(NamedTuple):
-    """Settings of a row of the tables: texture, motion, noise, and subdivisions of the sphere."""
+    """Settings of a row of the tables: texture, motion, noise, displacement, and sphere size."""
 
     texture: str
     motion: str
@@ -129,7 +129,11 @@ class Case(NamedTuple):
     subdivision: int = SUBDIVISION
 
     def row(self) -> list[str]:
-        """Return a row: errors of Horn-Schunck, order 1 and the default norm, and that norm."""
+        """Return a row of the table, with the errors of three methods.
+
+        These are Horn-Schunck, the sequence with norm order 1, and the sequence with default
+        parameters. The last cell has the parameters that the last method chose.
+        """
         mesh = sphere(self.subdivision)
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)
         frames = moving.noisy(self.noise, _NOISE_SEED)

@@ -42,7 +42,10 @@ def vertices() -> dict[str, int]:
 
 
 def thumbnail_corners(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the upper left and lower right corner of a thumbnail in `PICTURES`, from 0 to 1."""
+    """Return the upper left and lower right corner of a sample's thumbnail in `PICTURES`.
+
+    Corners are fractions of the image's width and height.
+    """
     number, rows = list(vertices()).index(name), -(-len(vertices()) // COLUMNS)
     column, row = number % COLUMNS, number // COLUMNS
     return (column / COLUMNS, row / rows), ((column + 1) / COLUMNS, (row + 1) / rows)

@@ -337,7 +337,7 @@ class Driver:
         return hit is not None and (hit.surface, hit.vertex) == (surface, local)
 
     def _nearest_vertex(self, position: Place) -> Hit | None:
-        """Return the vertex nearest to a place, for a backend that draws nothing to pick."""
+        """Return the vertex nearest to a place in the window, if the backend cannot pick."""
         scene, hits = self.window.scene, []
         for surface in scene.shown:
             mesh = self.session.surface(surface).mesh
@@ -356,7 +356,10 @@ def _has_values(session: Session) -> bool:
 
 
 def _on_slider(widget: Widget, value: float) -> Place:
-    """Return the place of a value on a slider, which excludes half the grab at both ends."""
+    """Return the position in the window at which a slider has a value.
+
+    The range of a slider begins and ends half a grab (the handle) from its sides.
+    """
     left, _, right, _ = widget.rect
     inset = widget.grab / 2 + _GRAB_PADDING_PIXELS
     along = widget.ends.share_of(value) * (right - left - 2 * inset)

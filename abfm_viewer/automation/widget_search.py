@@ -19,7 +19,7 @@ _FOLDER_SECONDS = 1.0  # to read a folder for a file dialog
 
 
 class WidgetSearch:
-    """Search of widgets in a window; `found` are all results, in the state of that time."""
+    """Search of widgets in a window; `found` has all found widgets, as they were at that time."""
 
     def __init__(self, window: Window, input: InputEvents) -> None:
         self._window = window
@@ -58,7 +58,7 @@ class WidgetSearch:
             widget = self._scrolled_to(widget)
 
     def _named(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget | None:
-        """Return the drawn widget of a label, or None.
+        """Return the drawn widget with a label; None if there is no such widget.
 
         Tabs and disabled widgets are considered only if no other widget has the label. Raises
         `DriverError` if several widgets have it.
@@ -88,7 +88,7 @@ class WidgetSearch:
         return [widget for widget in widgets if kind in (None, widget.kind)]
 
     def _after_opening(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget:
-        """Return a widget, and open tabs, sections and menus until it is found."""
+        """Return a widget after opening tabs, sections and menus, one by one, until it is found."""
         labels: dict[str, None] = {}  # ordered
         for _ in chain([None], self._frames_of_a_dialog(), self._openings(within, kinds)):
             if (widget := self._named(label, within, kinds)) is not None:
@@ -108,7 +108,10 @@ class WidgetSearch:
             yield
 
     def _openings(self, within: str, kinds: Sequence[WidgetKind] | None) -> Iterator[None]:
-        """Open and close sections, tabs and menus in turn, beginning with ``within``."""
+        """Open and close sections, tabs and menus one after another, beginning with ``within``.
+
+        The caller searches for the widget after each of these actions.
+        """
         of_menus = kinds is not None and set(kinds) <= {"menu", "item"}
         if of_menus or within in [menu.label for menu in self._drawn("menu")]:
             yield from self._open_menus()
@@ -186,6 +189,6 @@ class WidgetSearch:
 
 
 def middle(widget: Widget, share: float = 0.5) -> Place:
-    """Return the point at half the height of a widget, and at a share of its width."""
+    """Return the position at half the height of a widget, and at a share (0 to 1) of its width."""
     left, top, right, bottom = widget.rect
     return left + share * (right - left), (top + bottom) / 2

@@ -202,7 +202,7 @@ def _find_folder(arguments: argparse.Namespace) -> None:
 def _swept(
     given: Sequence[tuple[str, str]], arguments: argparse.Namespace
 ) -> tuple[list[Row], str]:
-    """Return one row per combination of option values, and the title of the batch."""
+    """Return one row per combination of the option values of ``--over``, and the batch's title."""
     if arguments.status is not None or arguments.table is None:
         raise UsageError(
             "--over needs a mesh and excludes --status: abfm batch MESH --over NAME=A,B"
@@ -226,7 +226,7 @@ def _swept(
 
 
 def _values(word: str) -> tuple[str, list[str]]:
-    """Return the option and the values of ``NAME=A,B,...``."""
+    """Split ``NAME=A,B,...`` into the name of an option and its values."""
     names = [each.name for each in MatchTask.inputs if each.name != "mesh" and not each.repeats]
     name, sign, text = word.partition("=")
     name = option(name.strip().lower().removeprefix("--"))
@@ -249,7 +249,10 @@ def _values(word: str) -> tuple[str, list[str]]:
 
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
-    """Solve rows without a result, write and print the summary, and return the exit status."""
+    """Solve the rows that have no result yet; write and print the summary of all rows.
+
+    Return the exit status.
+    """
     start = time.perf_counter()
     try:
         entries, status = solved(rows, title, arguments.out, arguments)
@@ -267,7 +270,10 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[LedgerEntry], int | None]:
-    """Solve the rows without a result; return the state of each row, and a signal's exit status."""
+    """Solve the rows that have no result yet; return the state of all rows, and an exit status.
+
+    The exit status is that of a received signal; without a signal it is None.
+    """
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)
@@ -339,7 +345,7 @@ def _report(
 
 
 def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
-    """Print one JSON object with the head and the rows, without a copy of all rows in memory."""
+    """Print one JSON object with the head and the rows; the rows are converted one by one."""
     print(json.dumps(head)[:-1], end=', "rows": [')
     for number, row in enumerate(rows):
         print(", " if number else "", json.dumps(row.to_dict()), sep="", end="")
@@ -384,7 +390,7 @@ def _lines(
 
 
 def _unsolved_lines(rows: Sequence[SummaryRow]) -> list[str]:
-    """Return the names of the rows that did not reach their target or are not finished."""
+    """Return lines that name the rows that did not reach their target or are not finished."""
     lines = []
     for outcome in (Outcome.NOT_REACHED, Outcome.IMPOSSIBLE, Outcome.MISSING):
         names = [one_line(row.name, 80) for row in rows if row.facts.outcome is outcome]

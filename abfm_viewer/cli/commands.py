@@ -1,4 +1,4 @@
-"""The commands of `abfm`, and the one that a command line names."""
+"""The commands of `abfm`, and how a command line selects one."""
 
 import argparse
 from importlib import import_module
@@ -75,7 +75,7 @@ def run(words: list[str]) -> int:
 
 
 def load(name: str) -> Any:
-    """Import a command, and return its module, or for a task its `Command`."""
+    """Import the command of a name; return its module, or its `Command` if it solves a task."""
     module, is_task, task = COMMANDS[name].partition(":")
     if not is_task:
         return import_module(f"abfm_viewer.cli.{module}")

@@ -65,7 +65,7 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:
-    """Run a program that owns the process, and return its exit status.
+    """Run a program that is the whole process, and return its exit status.
 
     Printing never ends the program: it continues if the reader of its output is gone, and escapes
     characters that the encoding lacks. At exit the process ends directly after cleanup. A shutdown
@@ -95,7 +95,10 @@ def program_status(program: str, run: Callable[[], int]) -> int:
 
 
 def _is_reader_gone(error: OSError) -> bool:
-    """Return whether the reader of the output has ended; Windows reports an invalid argument."""
+    """Return whether an error means that the program reading the output has ended.
+
+    Windows reports an invalid argument in this case.
+    """
     is_invalid = sys.platform == "win32" and error.errno == errno.EINVAL
     return is_invalid or isinstance(error, BrokenPipeError)
 
@@ -137,7 +140,7 @@ class _SafeStream:
 
 @dataclass
 class Interrupt:
-    """Number of the received signal, or None."""
+    """The signal that cancelled a work: its number, or None if no signal was received."""
 
     number: int | None = None
 

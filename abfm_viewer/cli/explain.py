@@ -1,4 +1,4 @@
-"""`abfm explain`: the meaning of an outcome, a cause or a warning, and the next steps."""
+"""`abfm explain`: the meaning of an outcome, a cause or a warning, and what to do next."""
 
 import argparse
 import shutil
@@ -33,7 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def help_lines(facts: Facts) -> list[str]:
-    """Return the line that names the sections about a result; none if it needs no explanation."""
+    """Return the line with the `abfm explain` command for a result.
+
+    The list is empty if the result needs no explanation.
+    """
     is_plain = facts.outcome in (Outcome.MATCHED, Outcome.REGISTERED)
     topics = (facts.topics[1:] if is_plain else ()) or facts.topics  # only the warnings
     names = " ".join(map(troubleshooting.slug, topics))

@@ -137,7 +137,7 @@ def _file(folder: Path, number: int, suffix: str) -> Path:
 
 
 class _Figure:
-    """A figure whose script is running."""
+    """A figure of the paper, whose script stops to request matches and then computes the result."""
 
     def __init__(self, number: int, mesh: TriangleMesh | None, name: str) -> None:
         self.number = number
@@ -155,7 +155,10 @@ class _Figure:
         return experiments.requested_matches(self.script)
 
     def needed_matches(self) -> Sequence[RequestedMatch]:
-        """Run the script until it needs matches, and return them; keep an error for `findings`."""
+        """Run the script until it requests matches, and return the requests.
+
+        If the script raises an `AbfmError`, return none; `findings` then raises this error.
+        """
         try:
             return self.requested
         except AbfmError as error:
@@ -163,7 +166,7 @@ class _Figure:
             return ()
 
     def findings(self) -> Findings:
-        """Return the result of the complete script."""
+        """Run the script to its end with the requested matches, and return its result."""
         if self._error is not None:
             raise self._error
         matches = self.find_matches(self.requested)
@@ -171,7 +174,10 @@ class _Figure:
 
 
 def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -> int | None:
-    """Solve the matches of figures as a batch; return the exit status after a signal, or None."""
+    """Solve the matches of all figures as a batch; `findings` then reads their results.
+
+    Return the exit status after a signal; None without a signal.
+    """
     folder, rows = arguments.out / _MATCHES, dict[_Figure, list[Row]]()
     with share_progress("figures", arguments.quiet) as report:
         for done, figure in enumerate(figures):
@@ -189,7 +195,11 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
 
 
 def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
-    """Run a script to its end; if all figures are computed, note a figure that is impossible."""
+    """Run the script of a figure to its end, and return the figure for the page.
+
+    If the script fails and all figures are requested, the figure's `problem` is the error. If one
+    figure is requested, the error is raised.
+    """
     number, on_mesh = figure.number, figure.setup.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)
     try:

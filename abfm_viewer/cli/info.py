@@ -108,7 +108,10 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def _symmetry(mesh: TriangleMesh, kind: SymmetryKind) -> dict[str, Any] | None:
-    """Return a symmetry of the mesh, as `permuted:` uses it; None if it has none."""
+    """Return axis and error of a symmetry of the mesh; None if it has no symmetry of this kind.
+
+    Functions of the form ``permuted:`` use the same symmetry.
+    """
     try:
         found = detect_symmetry(mesh, kind)
     except SymmetryError:

@@ -174,7 +174,10 @@ def _table(
 
 
 def _moved_table(points: PointMap, path: str) -> NDArray[Any]:
-    """Return a table, one row per vertex, moved along the flow; NaN at vertices without faces."""
+    """Return the table of a file, with one row per vertex, transferred along the flow.
+
+    Rows of vertices without faces are NaN.
+    """
     rows = read_values(path, points.domain).table()
     if not np.isfinite(rows).all():
         raise FunctionError(

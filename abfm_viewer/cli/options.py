@@ -47,7 +47,7 @@ class Parser(argparse.ArgumentParser):
         add("--help-all", action=_HelpAll, nargs=0, help=about)
 
     def require(self, name: str) -> None:
-        """Require an option that is declared as optional elsewhere."""
+        """Make an option required that another function declared as optional."""
         self._option_string_actions[f"--{name}"].required = True
 
     def is_main(self, action: argparse.Action) -> bool:
@@ -181,7 +181,10 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
 
 
 def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] = ()) -> None:
-    """Declare an option or an argument for each input; `given_texts` returns their texts."""
+    """Declare a command-line option or argument for each input of a task, except ``without``.
+
+    `given_texts` returns the texts that the user gave.
+    """
     groups: dict[str, argparse._ActionsContainer] = {"": parser}
     rare = [each for each in inputs if each.is_rare]
     for each in inputs:

@@ -82,7 +82,10 @@ def _line_of(step: Step) -> str:
 
 @contextmanager
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
-    """Yield a function of the number of finished frames; ``machine`` prints JSON to stdout."""
+    """Show the progress of a movie; yield a function to call with the number of finished frames.
+
+    If ``machine``, progress is printed to stdout as JSON.
+    """
     every = max(count // _LINES_OF_A_MOVIE, 1)
 
     def print_json(frame: int) -> None:
@@ -138,7 +141,7 @@ def row_progress(
 
 @contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield a function to call with the current work and the completed share, 0 to 1."""
+    """Show progress; yield a function of the current work and the completed share, 0 to 1."""
     printed = ""
 
     def print_progress(completed: float, text: str) -> None:

@@ -113,7 +113,7 @@ def _facts(
 
 
 def _of_registration(found: Registration) -> dict[str, Any]:
-    """Return the facts of a registration other than those of its map and verdict."""
+    """Return the facts of a registration that are not facts of its map or its verdict."""
     match = found.match
     facts: dict[str, Any] = {
         "notes": [*found.notes, *match.mesh.messages],
@@ -136,7 +136,10 @@ def _sizes(mesh: TriangleMesh) -> dict[str, int]:
 
 
 def _warnings(of_map: dict[str, Any], reported: Facts | None) -> dict[WarningTopic, str]:
-    """Return warnings about a map besides the reported ones."""
+    """Return warnings about a map, by topic, in addition to those that its facts report.
+
+    ``of_map`` are measurements of the map. ``reported`` is None for a map without a match.
+    """
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
     round_trip, covered = of_map["round_trip"]["p95"], of_map["coverage"]
     texts = {}
@@ -157,7 +160,7 @@ def _warnings(of_map: dict[str, Any], reported: Facts | None) -> dict[WarningTop
 
 
 def _finite(value: Any) -> Any:
-    """Return facts with None for infinite numbers and NaN, which JSON lacks."""
+    """Return facts with None in place of NaN and infinite numbers, which JSON cannot represent."""
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

@@ -76,7 +76,10 @@ class Command:
 
 
 def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
-    """Return the given inputs, checked, as a row whose paths begin at the current folder."""
+    """Check the inputs on the command line, and return them as a row of a batch.
+
+    Relative paths begin at the current folder.
+    """
     names = {
         each.name: f"--set {each.name}" if each.is_rare else options.shown_name(each)
         for each in task.inputs
@@ -151,7 +154,7 @@ def status_of(facts: Facts) -> int:
 def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None = None) -> Solved:
     """Solve a task with progress on stderr, and write the result, also after a signal.
 
-    ``checkpoint`` is the path next to which checkpoints lie; by default the first output.
+    Checkpoints are stored next to the path ``checkpoint``, by default the first output.
     """
     for note in task.notes():
         print_note(note)

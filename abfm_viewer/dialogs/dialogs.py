@@ -112,7 +112,10 @@ class Dialogs:
         buttons: Mapping[str, Callable[[], None] | None],
         instead: Callable[[], Callable[[], None] | None] = lambda: None,
     ) -> None:
-        """Open a `Question`; each button does its action, or nothing if that is None."""
+        """Open a `Question`; each button calls its function, or does nothing if that is None.
+
+        In each frame, ``instead`` may return a function, which closes the question and is called.
+        """
 
         def answered(label: str) -> None:
             self._close()

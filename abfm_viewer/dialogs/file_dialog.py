@@ -64,7 +64,10 @@ def read_folder(folder: Path, suffixes: tuple[str, ...]) -> Listing:
 
 
 def valid_name(text: str) -> str:
-    """Return a file name that Linux, macOS and Windows accept, with underscores in other places."""
+    """Return a file name that is valid on Linux, macOS and Windows.
+
+    Other characters are replaced by underscores.
+    """
     return _NOT_IN_NAMES.sub("_", text)
 
 
@@ -122,7 +125,7 @@ class FileChoice:
         self.selected = child_folder.name
 
     def select(self, entry: FolderEntry) -> None:
-        """Select an entry; when saving, a selected file sets the name."""
+        """Select an entry; in a dialog for saving, a selected file also sets the name."""
         self.selected, self.error = entry.name, ""
         if self.saving and not entry.is_folder:
             self.name = entry.name
@@ -134,7 +137,7 @@ class FileChoice:
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Return a typed file, or show a typed folder; if it is neither, set `error`."""
+        """Return the file of a typed path, or show its folder; if it is neither, set `error`."""
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
             if path.is_dir():
@@ -217,7 +220,7 @@ class FileDialog:
     _is_new: bool = field(default=True, init=False)
 
     def draw(self, ui: Ui) -> tuple[Path | None] | None:
-        """Draw the dialog; return (file,), (None,) if cancelled, or None without an answer."""
+        """Draw the dialog; return (file,) if chosen, (None,) if cancelled, and otherwise None."""
         with dialog(ui, self.title, _WIDTH, _HEIGHT):
             taken, typing = self._draw_path(ui)
             below = 2 if self.choice.saving else 1

@@ -1,4 +1,4 @@
-"""Cards over the surfaces: errors with their remedies, and progress of long operations."""
+"""Cards over the surfaces: errors with their remedies, and the progress of long operations."""
 
 import time
 from collections.abc import Callable
@@ -24,7 +24,7 @@ _CARD_DELAY_SECONDS = 0.3  # shorter operations have no card
 
 @dataclass(frozen=True)
 class _Work:
-    """Operation in progress, which a card shows with a progress bar."""
+    """An operation in progress, shown as a card with a progress bar."""
 
     name: str
     text: str
@@ -74,7 +74,10 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
 
 
 def _opening(session: Session) -> _Work | None:
-    """Return the file that is being opened, or the computation of a mesh's first functions."""
+    """Return the operation in progress: opening a file, or computing a mesh's first functions.
+
+    The result is None if there is no such operation.
+    """
     load = session.loading.now
     if load is not None and load.elapsed > _CARD_DELAY_SECONDS:
         text = f"{load.what}: {load.elapsed:.0f} s"

@@ -24,7 +24,10 @@ Kind = TypeVar("Kind", bound=Document)
 
 
 class Context:
-    """A session and the parts of its window; recent files are stored in a state folder."""
+    """A session with the widgets, dialogs, exports and files of its window.
+
+    Recent files are stored in the folder ``state``.
+    """
 
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)

@@ -1,4 +1,4 @@
-"""Plot of residuals: by iteration, or by the area distortion of the steps of a path."""
+"""Plot of residuals: by iteration, or by the area change of each step of a path."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def draw(context: Context) -> None:
         title, file, is_enabled = "Export the energy", "energy.csv", run is not None
 
     def export(path: Path) -> None:
-        """Write the data that were shown when the button was pressed."""
+        """Write the steps or energies that were plotted when the user pressed the button."""
         with session.notices.showing_errors():
             if view == "trade-off":
                 abfm.loading.task_of(result).tables["path"].write(path, result)
@@ -126,7 +126,7 @@ def _draw_tooltip(ui: Ui, run: RunRecord) -> None:
 
 
 def stage_text(run: RunRecord, at: int) -> str:
-    """Return the stage of an iteration: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
+    """Return the stage of an iteration as text: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_mesh_sizes:
         reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
@@ -135,7 +135,10 @@ def stage_text(run: RunRecord, at: int) -> str:
 
 
 def starts(run: RunRecord) -> tuple[list[int], list[int]]:
-    """Return the iterations at which stages and finer meshes began, without restarts."""
+    """Return the iterations at which stages began, and those at which finer meshes began.
+
+    Restarts of the solver are omitted. An iteration that began both is only in the second list.
+    """
     finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
     places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]
     stages, meshes = ([at for at in found if at not in run.restarts] for found in places)

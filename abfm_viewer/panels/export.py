@@ -36,7 +36,7 @@ _HEIGHT_RANGE = Range(240, 4320, is_integer=True)
 
 
 class _Saved(NamedTuple):
-    """An attribute of a document that the button ``Save NAME...`` writes to a file."""
+    """Settings of a button ``Save NAME...``, which writes an attribute of a document to a file."""
 
     what: str  # in the label of the button
     tip: str

@@ -1,4 +1,4 @@
-"""Tabs of a sequence: its frames, a separate match of two frames, and the settings."""
+"""Tabs of a sequence of frames: the frames, a separate match of two of them, and the settings."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
 
 
 def draw_pair(context: Context) -> None:
-    """Draw the choice of two frames, and the button that matches only these."""
+    """Draw the choice of two frames, and the button that matches only these two."""
     ui, session, document = context.ui, context.session, context.document(SequenceDocument)
     sequence = document.sequence
     ui.heading("two frames")
@@ -141,7 +141,10 @@ def draw_settings(context: Context) -> None:
 
 
 def _chosen(document: SequenceDocument) -> str:
-    """Return the settings that the solver chose, such as ``chosen: α 0.3``; empty if none."""
+    """Return a text with the settings that the solver chose, such as ``chosen: α 0.3``.
+
+    The text is empty if there is no result, or if the user set all of them.
+    """
     result, settings = document.result, document.settings
     if result is None:
         return ""

@@ -129,7 +129,10 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 
 def _draw_expected(ui: Ui, session: Session) -> None:
-    """Draw why no flow can match, and advice; at the end, so that other widgets do not move."""
+    """Draw the reason why no flow can match the functions, if there is one, and advice.
+
+    This is at the end of the tab, so that other widgets do not move.
+    """
     if (facts := session.work.expected_facts) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
@@ -169,7 +172,7 @@ def _draw_channels(context: Context) -> None:
 
 
 def _display_name(document: MatchDocument, spec: str) -> str:
-    """Return a short name of a function; for results the name in the table of results."""
+    """Return a short name of a function; for a function from a result, its name in that result."""
     text = document.display_names.get(spec, spec)
     try:
         return _short(functions.parse(text))
@@ -178,7 +181,7 @@ def _display_name(document: MatchDocument, spec: str) -> str:
 
 
 def _short(tree: functions.Spec) -> str:
-    """Return a short name of a function that distinguishes channels of the same kind."""
+    """Return a short name of a function, which differs between functions of the same kind."""
     if isinstance(tree, functions.Sum):
         families = {getattr(term, "family", "function") for term in tree.terms}
         return f"{len(tree.terms)} {families.pop() + 's' if len(families) == 1 else 'terms'}"
@@ -201,13 +204,13 @@ def _short(tree: functions.Spec) -> str:
 
 
 def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
-    """Return the parameter of a family that names a file of values, if there is one."""
+    """Return the parameter of a function family that is a file of values; None if it has none."""
     files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
     return None if family is functions.Permuted else next(files, None)
 
 
 class _Side:
-    """Widgets of the source or the target of the active channel."""
+    """Widgets for the source or the target function of the active channel."""
 
     def __init__(self, context: Context, side: Side, spec: str) -> None:
         self._context, self._ui, self._session = context, context.ui, context.session
@@ -239,7 +242,10 @@ class _Side:
         ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
-        """Set the spec of the side; show an error below the widget. A drag is one step of undo."""
+        """Set the spec of the function; show an error below the widget with the given label.
+
+        All changes during a drag are one undo step.
+        """
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
@@ -270,7 +276,10 @@ class _Side:
         ui.refusal(_ADD)
 
     def _draw_family(self, width: float) -> None:
-        """Draw the combo of families; a new family starts with a function valid on this mesh."""
+        """Draw the drop-down list of function families.
+
+        A newly selected family starts with a function that is valid on this mesh.
+        """
         known = {cls.family: cls for cls in functions.families()}
         if isinstance(self._inner, functions.Family):
             now = self._inner.family
@@ -328,7 +337,7 @@ class _Side:
     def _choose(
         self, title: str, file: functions.Parameter, function: Callable[[str], functions.Spec]
     ) -> None:
-        """Let the user choose the file of a function; the function changes only after that."""
+        """Let the user choose a file, and then set this side to the function of the file."""
 
         def take(path: Path) -> None:
             with self._session.notices.showing_errors():
@@ -337,7 +346,10 @@ class _Side:
         self._context.dialogs.open(title, file.kind.suffixes, take)
 
     def _vertex(self) -> int:
-        """Return the vertex, numbered as in the file, of the first Gaussian or largest value."""
+        """Return the vertex of the first Gaussian, or else the vertex of the largest value.
+
+        Vertices are numbered as in the mesh file.
+        """
         for gaussian in gaussians.gaussians(self._spec):
             try:
                 return gaussians.centre(gaussian, self._mesh)
@@ -348,13 +360,16 @@ class _Side:
 
 
 def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
-    """Return the example of a function family at a vertex, which is numbered as in the file."""
+    """Return the function that an example describes, at a vertex numbered as in the file."""
     middle = f"{mesh.vertices[:, 1].mean():.3g}"
     return functions.parse(example.format(vertex=vertex, middle=middle))
 
 
 def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw a function's shape, its parameters without a slider (two per line), and its sliders."""
+    """Draw widgets for the shape and the parameters of a function.
+
+    Parameters without a slider come first, two per line, and then those with a slider.
+    """
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
         now = function.shape()
@@ -396,7 +411,7 @@ class _Control:
 
     @cached_property
     def ends(self) -> Range | None:
-        """Range of the slider; None for a parameter that the user selects or types."""
+        """Range of the slider; None if the parameter is selected from a list or typed."""
         kind, slider = self.parameter.kind, self.parameter.slider
         if kind.choices or getattr(self.function, self.parameter.name) is None:
             return None
@@ -433,7 +448,7 @@ class _Control:
             self._change(name, new)
 
     def _change(self, name: str, new: object) -> None:
-        """Apply a new value, or show below the widget why it is refused."""
+        """Set a parameter; if the new value is refused, show the reason below the widget."""
         parameters = self.function.parameters()
         replaced = {other.name: None for other in parameters if other.instead_of == name}
         with self.ui.refusals.refusing(name):

@@ -21,7 +21,7 @@ _FILE = "file"
 
 
 class _Choice(NamedTuple):
-    """An initial map of `abfm.registration.initial`, and the files that it needs."""
+    """A kind of initial map that the user can choose, and the files that it needs."""
 
     word: str
     about: str  # tooltip
@@ -111,7 +111,7 @@ def draw(context: Context) -> None:
 
 
 def draw_notes(context: Context) -> None:
-    """Draw notes and warnings of the initial map, or the reason why there is none."""
+    """Draw notes and warnings about the initial map, or the reason why there is no initial map."""
     session = context.session
     if session.work.prepared is not None:
         for note in session.work.prepared.initial.notes:
@@ -123,7 +123,10 @@ def draw_notes(context: Context) -> None:
 
 
 def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
-    """Let the user choose the files of a map, one after another, and then apply the map."""
+    """Let the user choose the missing files of an initial map one by one, and then apply the map.
+
+    ``files`` are the files chosen so far.
+    """
     missing = choice.titles[len(files) :]
     if not missing:
         context.session.editor.change(_STEP, initial=_joined(choice.word, False, files))
@@ -136,7 +139,7 @@ def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
 
 
 def _parts(word: str) -> tuple[str, bool, tuple[str, ...]]:
-    """Split the text of an initial map into its word, whether A is mirrored, and its files."""
+    """Split the text of an initial map into its kind, whether A is mirrored, and its files."""
     base, _, rest = word.partition(":")
     if base == _FILE:
         return base, False, (rest,)

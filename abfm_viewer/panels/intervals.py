@@ -48,7 +48,7 @@ def draw(context: Context) -> None:
 
 
 def unconfirmed(result: abfm.Sequence) -> BoolArray:
-    """Return which intervals are solved but not confirmed, (T - 1,) of bool."""
+    """Return a mask (T - 1,) of the intervals that are solved, but whose match is not confirmed."""
     good = [verdict.kind.is_good for verdict in result.verdicts]
     found: BoolArray = result.solved & ~np.array(good)
     return found
@@ -108,7 +108,7 @@ def _across(sequence: FrameSequence) -> str:
 
 
 def _present(context: Context, sequence: FrameSequence) -> None:
-    """Shade the interval of the shown time, and draw a line at the shown time."""
+    """Draw a line at the shown time, and shade the interval that contains it."""
     ui, time = context.ui, context.session.document.time
     now = sequence.interval(time)
     ends = float(sequence.times[now]), float(sequence.times[now + 1])
@@ -117,7 +117,10 @@ def _present(context: Context, sequence: FrameSequence) -> None:
 
 
 def _clicks(context: Context, sequence: FrameSequence, values: FloatArray) -> None:
-    """Show a clicked interval; scripts can click on ``interval 0``, ``interval 1``, ..."""
+    """Show the interval on which the user clicks.
+
+    Scripts click on ``interval 0``, ``interval 1``, ...
+    """
     ui, session = context.ui, context.session
     known = values[np.isfinite(values)]
     level = float(np.median(known)) if len(known) else 1.0

@@ -28,7 +28,7 @@ _DEFAULT_PARAMETERS = Parameters()
 
 
 class _About(NamedTuple):
-    """Label of a parameter, its place in the paper, and its slider."""
+    """Label of a parameter, where the paper describes it, and the range of its slider."""
 
     label: str
     place: str

@@ -1,4 +1,4 @@
-"""The table of a batch or a population; a click on a row shows its result."""
+"""The table of a batch or a population; a click on a row shows the result of this row."""
 
 from __future__ import annotations
 
@@ -58,7 +58,11 @@ _HEIGHT_MIN = 130
 
 
 def height(available: float, scale: float) -> float:
-    """Return the height of the table in pixels; ``available`` is that of surfaces and table."""
+    """Return the height of the table in pixels.
+
+    ``available`` is the height of the surfaces and the table together, ``scale`` the scale of the
+    window.
+    """
     share = _HEIGHT_SHARE * available
     return max(min(_HEIGHT * scale, share), min(_HEIGHT_MIN * scale, available / 2))
 
@@ -142,7 +146,7 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
 
 
 def _height_of_rows(room: float) -> float:
-    """Return the height of the headings and of as many complete rows as fit, in pixels."""
+    """Return the height of the headings and the complete rows that fit into ``room`` pixels."""
     border = 2.0
     return _row_height() * max((room - border) // _row_height(), 1.0) + border
 
@@ -152,7 +156,7 @@ def _row_height() -> float:
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
-    """Return the columns that fit into a width, in pixels."""
+    """Return the columns that fit into a width in pixels; less important columns are omitted."""
     style = imgui.GetStyle()
     padding = 2 * style.CellPadding[0] + 1
     for column in (None, *_SPARE_COLUMNS):
@@ -173,7 +177,10 @@ def _width(ui: Ui, column: Name) -> float:
 
 
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
-    """Return the lower end of each row, (n,) in pixels; reasons wrap in a column of ``width``."""
+    """Return the position of the lower end of each row, (n,), in pixels below the headings.
+
+    Reasons wrap in a column of ``width`` pixels; 0 if this column is hidden.
+    """
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:
@@ -185,7 +192,7 @@ def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
 
 
 def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
-    """Draw the headings; return the width of the column of reasons, 0 if it is hidden."""
+    """Draw the headings; return the width in pixels of the column of reasons, 0 if it is hidden."""
     width = 0.0
     for column in columns:
         if column in _WEIGHTS:
@@ -216,7 +223,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
-    """Draw an arrow for the direction of sorting at the right of a heading."""
+    """Draw an arrow at the right of a heading; it points down if the rows are sorted to fall."""
     (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
     size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
     tip, base = (y + size, y - size) if falls else (y - size, y + size)
@@ -230,7 +237,7 @@ Rows = tuple[tuple[ResultRow, ...], FloatArray]
 
 
 def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows) -> None:
-    """Draw the visible rows, and leave space for the others."""
+    """Draw the visible rows, and leave empty space in place of the other rows."""
     rows, ends = placed
     visible = imgui.GetWindowHeight() - _row_height()  # height below the headings
     if tables.scrolls:

@@ -35,7 +35,7 @@ Tabs = dict[str, dict[str, Draw]]
 
 
 class Panels(NamedTuple):
-    """Functions that draw the state of a run or result, and the tabs."""
+    """Panels for a kind of document: a function that draws the state of its run, and its tabs."""
 
     state: Draw
     tabs: Tabs  # by label; the parts of a tab are below each other
@@ -94,7 +94,7 @@ STEPS = "steps"
 
 
 def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
-    """Draw the column; an error in one part does not affect the others."""
+    """Draw the column at the right; an error in one of its parts does not affect the others."""
     ui, session = context.ui, context.session
     document = session.document
     names = (name for name in document.content_fields if name not in Document.content_fields)

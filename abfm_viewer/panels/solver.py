@@ -42,7 +42,7 @@ _WARM_TIP = (
 
 
 def draw(context: Context, draw_state: Callable[[Context], None]) -> None:
-    """Draw the buttons, and the state of the run or of its result."""
+    """Draw the buttons of the solver, and the state of its run or of the result."""
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
     height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
@@ -60,7 +60,7 @@ def draw(context: Context, draw_state: Callable[[Context], None]) -> None:
 
 
 def draw_subject(context: Context) -> None:
-    """Draw the state of a subject's match; without a match, that of its comparison."""
+    """Draw the state of a subject's match, or else the verdict of the subject in its population."""
     session = context.session
     compared, solver = session.document.active_comparison, session.solver
     if compared is None or solver.running or solver.failed or session.result is not None:
@@ -79,7 +79,7 @@ def draw_match(context: Context) -> None:
 def _draw_headline(
     context: Context, text: str, tone: TextTone, topics: Sequence[str], tip: str = ""
 ) -> None:
-    """Draw a headline, and a button that explains it in a dialog."""
+    """Draw a headline about a result, and a button that explains its topics in a dialog."""
     ui = context.ui
     ui.note(text, tone, ui.remaining_width(HELP_LABEL))
     ui.tip(tip)
@@ -147,7 +147,10 @@ def _draw_progress(ui: Ui, session: Session) -> None:
 
 
 def draw_step(ui: Ui, step: Step) -> None:
-    """Draw a step with its progress bar, which is animated if the progress is unknown."""
+    """Draw the progress bar and the text of a step of work.
+
+    The bar is animated if the progress is unknown.
+    """
     share = step.share()
     animated = -0.5 * (time.monotonic() - step.began)
     imgui.ProgressBar(animated if share is None else share, (-1, ui.px(_BAR_HEIGHT)), "")
@@ -197,7 +200,7 @@ def _draw_verdict(context: Context) -> None:
 
 
 def _draw_before(context: Context) -> None:
-    """Draw the expected outcome of a match, or the reason why no match can start."""
+    """Draw the outcome that is expected of a match, or the reason why no match can start."""
     ui, session = context.ui, context.session
     if (facts := session.work.expected_facts) is not None:
         _draw_headline(context, _expected_text(facts), facts.tone, facts.topics)
@@ -208,7 +211,7 @@ def _draw_before(context: Context) -> None:
 
 
 def _expected_text(facts: Facts) -> str:
-    """Return the expected outcome in one line; the tab Functions shows the reason."""
+    """Return the expected outcome of a match in one line; the tab Functions shows its reason."""
     is_impossible = facts.outcome is Outcome.IMPOSSIBLE
     return _IMPOSSIBLE_NOTE if is_impossible else sentence(facts.headline)
 
@@ -254,7 +257,7 @@ def _draw_compared(context: Context, compared: Comparison) -> None:
 
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    """Draw a button for each remedy, or advice if there is no button for it."""
+    """Draw a button for each remedy of a result, or a text with advice if it has no button."""
     was_interrupted, verdict = verdict_words.was_interrupted(result), result.verdict
     # if the complete map is the cause, no other flow helps
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
@@ -282,7 +285,7 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
 
 
 def _distorts(facts: Facts) -> bool:
-    """Return whether a good result changes areas so much that a bound is recommended."""
+    """Return whether a result is good, but changes areas so much that a bound is recommended."""
     log2 = facts.numbers.get("log2_area_95")
     return facts.outcome.is_good and log2 is not None and log2 > abfm.matching.LOG2_AREA_GOOD
 

@@ -34,7 +34,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return mesh, size and frames per second, in several forms of decreasing length."""
+    """Return texts about the mesh, its size and the frame rate, from longest to shortest."""
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"
@@ -42,7 +42,7 @@ def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
 
 
 def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
-    """Return the longest text that fits, and the longest details that fit next to it."""
+    """Return the longest text that fits into ``room`` pixels, with the longest details."""
     for text, more in product(texts, details):
         if ui.text_width(text) + ui.text_width(more) + ui.px(_DETAILS_GAP) * (more != "") <= room:
             return text, more
@@ -50,7 +50,7 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 
 
 def _state(context: Context) -> tuple[str, ...]:
-    """Return the current activity or the result, and shorter forms if there are any."""
+    """Return texts about the current activity or the result, from longest to shortest."""
     session = context.session
     if session.solver.running:
         return (session.work.progress,)

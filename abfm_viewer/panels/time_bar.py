@@ -22,12 +22,18 @@ _TICK_DISTANCE_MIN = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
-    """Return the widths of buttons, "repeat", "beyond τ" and "speed", at a scale of 1."""
+    """Return the widths of the bar's parts: buttons, "repeat", "beyond τ" and "speed".
+
+    ``width`` is the width of the bar. All widths are in pixels at a scale of 1.
+    """
     return 180, 153 if width >= _CAPTION_WIDTH_MIN else 70, 106, 136
 
 
 def rows(width: float) -> list[int]:
-    """Return the row of each group of widgets in a bar of a width, at a scale of 1."""
+    """Return the number of the row in which each part of the bar is drawn.
+
+    ``width`` is the width of the bar, in pixels at a scale of 1. Parts are those of `groups`.
+    """
     found, used = [0], 0.0
     for needed in groups(width):
         fits = used + needed <= width - PADDING
@@ -94,7 +100,11 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """Draw the time slider: 0 to 2 tau with a tick at tau, or all frames with a tick at each."""
+    """Draw the time slider.
+
+    For a match, it ranges from 0 to 2 tau with a tick at tau. For a sequence, it has a tick at each
+    frame.
+    """
     ui, session = context.ui, context.session
     document = session.document
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
@@ -130,7 +140,10 @@ def _slider(context: Context) -> None:
 
 
 def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
-    """Draw the background of the slider with a tick at each frame, or at every n-th of many."""
+    """Draw the background of the time slider, with a tick at each frame.
+
+    If there are many frames, only every n-th one has a tick.
+    """
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed = imgui.GetColorU32
@@ -145,7 +158,11 @@ def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
-    """Draw the slider's background, and texts where the grab (at a share, 0 to 1) is not."""
+    """Draw the background of the time slider, and texts that its grab (the handle) does not cover.
+
+    ``share`` is the position of the grab, 0 to 1. ``note`` is not empty if the flow cannot be
+    followed beyond tau.
+    """
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed, middle, gap = imgui.GetColorU32, (left + right) / 2, ui.px(12)

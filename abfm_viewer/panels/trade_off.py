@@ -43,7 +43,7 @@ _CLICK_DISTANCE = 16
 
 
 def path_of(session: Session) -> Steps:
-    """Return the path of the current run so far, or that of the result."""
+    """Return the steps that the current run has finished, or without a run, those of the result."""
     if session.solver.running:
         snapshot = session.matching.snapshot
         return snapshot.iteration.path if snapshot else ()
@@ -140,7 +140,10 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
 def _clicks(
     ui: Ui, session: Session, path: Steps, curve: tuple[FloatArray, ...], chosen: int | None
 ) -> None:
-    """Show tooltips of markers, and a clicked step; scripts can click on ``step 1``, ..."""
+    """Show the tooltip of the marker below the mouse, and the step on which the user clicks.
+
+    Scripts click on ``step 1``, ``step 2``, ...
+    """
     areas, *residuals = curve
     places = np.array(
         [
@@ -162,7 +165,10 @@ def _clicks(
 
 
 def area_ticks(widest: float) -> list[float]:
-    """Return ticks of the axis of area changes, from 0: base-2 logarithms of round factors."""
+    """Return ticks for the axis of area changes, as base-2 logarithms of round factors.
+
+    The axis ranges from 0 to ``widest``.
+    """
     ticks = [0.0]
     for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
         place = float(np.log2(times))
@@ -172,7 +178,10 @@ def area_ticks(widest: float) -> list[float]:
 
 
 def _step_text(path: Steps, number: int, chosen: int | None) -> str:
-    """Return parameters, residuals and distortion of a step, as far as they are known."""
+    """Return a text with the parameters, residuals and distortion of a step.
+
+    ``chosen`` is the index of the step that the solver chose. Unknown values are omitted.
+    """
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:

@@ -32,7 +32,10 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels in the block, or raise `DrawingError`."""
+    """Make polyscope draw pictures of a size in pixels within the block.
+
+    Raises `DrawingError` if OpenGL cannot draw this size.
+    """
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
     limits = _SAMPLES_MAX.items()
@@ -53,9 +56,9 @@ def canvas(width: int, height: int) -> Iterator[None]:
 
 
 def rendered(transparent: bool) -> Pixels:
-    """Return the picture of polyscope, (H, W, 3), or (H, W, 4) with a transparent background.
+    """Return polyscope's current picture: (H, W, 3), or (H, W, 4) with a transparent background.
 
-    A screen of a Mac has several pixels for each pixel of a window; they are averaged.
+    A screen of a Mac has several pixels for each pixel of a window. Their averages are returned.
     """
     pixels, size = _rendered(transparent), tuple(ps.get_window_size())
     if pixels.shape[1::-1] == size:
@@ -81,7 +84,10 @@ def _resize(width: int, height: int, side: int) -> None:
 
 
 def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
-    """Return colours (n, 3) at edges without the black that was mixed in before tone mapping."""
+    """Return the colours (n, 3) of pixels at edges without the black background mixed into them.
+
+    polyscope mixes the background in before its tone mapping. ``alpha`` (n, 1) is 0 to 255.
+    """
     share = alpha / 255
     light = (np.maximum(colors, 1) / 255) ** _GAMMA
     mapped = light @ _LUMINANCE[:, None]
@@ -125,7 +131,7 @@ def _draw_disc(picture: Image.Image, disc: Disc) -> None:
 
 
 def _composite(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:
-    """Draw a layer on a picture; parts outside the picture are ignored."""
+    """Draw a picture, ``layer``, onto another one at a position; parts outside are ignored."""
     if picture.mode == "RGBA":
         hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
         picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
@@ -144,7 +150,10 @@ def _draw_strip(picture: Image.Image, strip: Strip) -> None:
 
 
 def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
-    """Write a text on a transparent layer of its colour, which keeps its edges clean."""
+    """Write a text on a picture.
+
+    Transparent pixels around the letters have the text's colour, which keeps their edges clean.
+    """
     left, top, color = round(text.left), round(text.top), rgb(text.color)
     size = round(pen.width(text.text)) + 2, round(pen.line) + 2
     layer = Image.new("RGBA", size, (*color, 0))

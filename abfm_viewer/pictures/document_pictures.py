@@ -43,8 +43,9 @@ _DEFAULT_OPTIONS = PictureOptions()
 class DocumentRenderer:
     """Off-screen drawing of a document in a size in pixels; a context manager.
 
-    ``known`` has the values (V,) of functions from files, by spec. Raises `AbfmError` if the size
-    is out of range, a function cannot be evaluated, or the machine cannot draw.
+    ``known`` has the values (V,) of functions from files, by the spec of the function. Raises
+    `AbfmError` if the size is out of range, a function cannot be evaluated, or the machine cannot
+    draw.
     """
 
     def __init__(
@@ -91,7 +92,9 @@ class DocumentRenderer:
         self._open.__exit__(*error)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
-        """Return the picture at a time, turned by an angle, with streaks at a phase from 0 to 1.
+        """Return the picture at a time, with the surfaces turned by ``degrees``.
+
+        ``phase``, from 0 to 1, is the position of moving streaks in their cycle.
 
         The picture is RGB, or RGBA if transparent. Raises `AbfmError` if the time is outside the
         time bar, or the flow cannot be computed to this time.

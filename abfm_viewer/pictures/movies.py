@@ -35,12 +35,12 @@ def write_movie(
 
     A movie is written completely or not at all. The format MP4 needs even sizes, so the last row or
     column of a picture of odd size is dropped. A GIF counts time in hundredths of a second, so the
-    durations of its frames may differ by one.
+    durations of its frames may differ by 0.01 s.
 
     ``frames`` are sRGB pictures of one size, (H, W, 3) of uint8, which are read one by one. ``fps``
-    is 0.1 to 120, for a GIF to 50. ``on_frame`` is called with the number of written frames; an
-    exception that it raises ends the movie. Raises `ResultError` if the frames, ``fps`` or the
-    suffix are invalid, or the file cannot be written.
+    is 0.1 to 120, or at most 50 for a GIF. ``on_frame`` is called with the number of written
+    frames; an exception that it raises ends the movie. Raises `ResultError` if the frames, ``fps``
+    or the suffix are invalid, or the file cannot be written.
     """
     if path.suffix not in FPS_MAX:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(FPS_MAX)}")
@@ -94,7 +94,10 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
-    """Write a GIF; a temporary file has all frames, without loss, until the palette is known."""
+    """Write a GIF with one palette.
+
+    All frames are stored without loss in a temporary file, from which the palette is computed.
+    """
     ticks, ticks_before = (
         math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1)
     )
@@ -143,7 +146,10 @@ def _palette(movie: Path) -> av.VideoFrame:
 
 
 def _in_palette(movie: Path, palette: av.VideoFrame) -> Iterator[av.VideoFrame]:
-    """Yield frames in the nearest colours of a palette, without dithering, which would flicker."""
+    """Yield the frames of a movie in the nearest colours of a palette.
+
+    There is no dithering, because dithered frames would flicker.
+    """
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])

@@ -50,9 +50,10 @@ Advection overshoots by a few percent even if it is correct, which is not visibl
 def cameras(
     sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
 ) -> dict[TriangleMesh, Camera]:
-    """Return a camera for each mesh that shows its sources and targets.
+    """Return a camera for each mesh, from a direction that shows its source and target well.
 
-    The aspect of a camera is that of the mesh, limited to the minimum and maximum ``aspects``.
+    The aspect (width over height) of a camera is that of the mesh, limited to the minimum and
+    maximum ``aspects``.
     """
     fronts: dict[TriangleMesh, Front] = {}
     for panel in _panels(sheet):
@@ -79,7 +80,11 @@ def panel_pictures(
     ranges: Mapping[str, ColorRange],
     views: Mapping[TriangleMesh, Camera],
 ) -> list[Image.Image]:
-    """Return pictures, of sizes (width, height), of all panels on a transparent background."""
+    """Return a picture of each panel of a sheet on a transparent background.
+
+    ``sizes`` are widths and heights in pixels, ``ranges`` are colour ranges by title of the colour
+    bar, ``views`` are the cameras of the meshes.
+    """
     pictures: dict[int, Image.Image] = {}
     fast = _fast_speeds(sheet)
     for size in dict.fromkeys(sizes):  # one canvas for each size
@@ -92,7 +97,10 @@ def panel_pictures(
 
 
 def _fast_speeds(sheet: Sheet) -> dict[TriangleMesh, float]:
-    """Return the fast speed of each mesh, so that arrows of all its panels have the same scale."""
+    """Return a speed for each mesh that scales the arrows of all its panels in the same way.
+
+    Faster faces have 40% of the squared norm of the field.
+    """
     found = defaultdict[TriangleMesh, float](float)
     for panel in _panels(sheet):
         if panel.arrows is not None:
@@ -153,10 +161,10 @@ def _panels(sheet: Sheet) -> list[Panel]:
 
 
 def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
-    """Return the range of each colour bar, by title, in the order of their first use.
+    """Return the colour range of each colour bar, by its title, in the order of first use.
 
-    A colour bar has the range of sources and targets, if there are any. Values outside it have the
-    colour of its end.
+    The range is that of the source and target functions, or else that of all functions. Values
+    outside the range have the colour of its nearest end.
     """
     every: dict[str, list[FloatArray]] = defaultdict(list)
     ends: dict[str, list[FloatArray]] = defaultdict(list)
@@ -170,7 +178,7 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
 
 
 def captions(sheet: Sheet) -> list[str]:
-    """Return the notes of a sheet, and notes on panels that exceed the range of the colours."""
+    """Return the notes of a sheet, and notes on panels with values outside the colour range."""
     ranges, texts = color_ranges(sheet), list(sheet.notes)
     for panel in _panels(sheet):
         bar, values = _function(panel)
@@ -193,16 +201,16 @@ def captions(sheet: Sheet) -> list[str]:
 
 
 def _function(panel: Panel) -> tuple[str, FloatArray | None]:
-    """Return the title of the colour bar and the values of a panel, or an empty title and None."""
+    """Return the title of the colour bar and the values of a panel; without values, "" and None."""
     paint = panel.paint
     return (paint.bar, paint.values) if isinstance(paint, Values | Streaks) else ("", None)
 
 
 def _outside(vertices: FloatArray, positions: FloatArray) -> float:
-    """Return the largest distance of positions (V, 3) outside the vertices' bounding box.
+    """Return the largest distance of positions (V, 3) outside the bounding box of the vertices.
 
-    Each distance is relative to the extent of the box in its direction, but at least to a hundredth
-    of the largest extent.
+    Each distance is relative to the size of the box in its direction. Sizes below a hundredth of
+    the largest size count as that hundredth.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = np.maximum(high - low, 0.01 * (high - low).max())

@@ -35,7 +35,10 @@ def plot_font(pixels: float) -> ImageFont.FreeTypeFont:
 
 
 def plot_picture(plot: Plot, size: tuple[int, int], text: float) -> Image.Image:
-    """Return a plot on white; ``size`` (width, height) and the height ``text`` are in pixels."""
+    """Return a picture of a plot on white.
+
+    ``size`` (width, height) and the height ``text`` of the letters are in pixels.
+    """
     (figure, axes), points = _new_axes(size), _points_of(text)
     colors, styles = cycle(CURVE_COLORS), cycle(_STYLES)
     for curve in plot.curves:
@@ -76,10 +79,10 @@ def histogram_picture(
     title: str,
     size: tuple[int, int],
 ) -> Image.Image:
-    """Return a histogram of values (F,), weighted by areas (F,), in percent.
+    """Return a histogram of values (F,) of faces, in percent of their areas (F,).
 
-    ``vertical_lines`` are positions by name. The axis ends at 1.5 times the outermost line; values
-    beyond it are in the outermost bins.
+    ``vertical_lines`` are positions of lines by name. The axis ends at 1.5 times the outermost
+    line; values beyond it are in the outermost bins. ``size`` is in pixels.
     """
     places = np.concatenate([*vertical_lines.values()])
     end = max(_AXIS_RATIO * places.max(), _AXIS_LENGTH_MIN)
@@ -99,7 +102,10 @@ def histogram_picture(
 def path_picture(
     area_change: FloatArray, residuals: FloatArray, chosen: int, size: tuple[int, int]
 ) -> Image.Image:
-    """Return a plot of the residual of steps (S,) of a path, in percent, by their area change."""
+    """Return a plot of the residuals (S,) of a path's steps, in percent, by their area change.
+
+    ``chosen`` is the index of the selected step. ``size`` is in pixels.
+    """
     figure, axes = _new_axes(size)
     axes.plot(area_change, 100 * residuals, "o-", color=_BAR_COLOR, markersize=6, linewidth=1.5)
     one, other = area_change[chosen], 100 * residuals[chosen]
@@ -129,7 +135,7 @@ def _points_of(text: float) -> float:
 
 
 def _name_axes(axes: Axes, x_title: str, y_title: str, points: float) -> None:
-    """Set the titles of axes, and draw a grid below the curves."""
+    """Set the titles of axes, in a font size in points, and draw a grid below the curves."""
     axes.set_xlabel(x_title, fontsize=points)
     axes.set_ylabel(y_title, fontsize=points)
     axes.tick_params(which="both", labelsize=0.9 * points)

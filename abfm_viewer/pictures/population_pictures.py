@@ -37,7 +37,7 @@ def population_pictures(
 ) -> PopulationPictures:
     """Return the pictures of a population; ``width`` is in pixels.
 
-    ``report`` is called with the name of the next picture and the share that is done. Raises
+    ``report`` is called with the name of the next picture and the completed share, 0 to 1. Raises
     `DrawingError` if the machine cannot draw.
     """
     mesh, shown = found.template, _filled_in(found.mean(found.main_channel))
@@ -51,7 +51,7 @@ def population_pictures(
 
 
 def _channel(found: Population, c: int) -> Row:
-    """Return a channel's pictures: mean before and after registration, standard deviation."""
+    """Return pictures of channel ``c``: means before and after registration, standard deviation."""
     name = found.channels[c].name
     spread = f"standard deviation of {name}"
     means = {
@@ -94,7 +94,10 @@ def _typical(values: FloatArray) -> float:
 
 
 def _outlier(found: Population, i: int) -> Row | None:
-    """Return pictures of a subject and the mean of the others in the main channel, or None."""
+    """Return pictures of subject ``i`` before and after registration, and of the others' mean.
+
+    They show the main channel. The result is None if the subject has no values there.
+    """
     c = found.main_channel
     if not np.isfinite(found.values[i, :, c]).any():
         return None
@@ -109,6 +112,6 @@ def _outlier(found: Population, i: int) -> Row | None:
 
 
 def _filled_in(values: FloatArray) -> FloatArray:
-    """Return values (V,) with the mean of the known values in place of unknown ones."""
+    """Return values (V,) with NaN and infinite values replaced by the mean of the others."""
     known = np.isfinite(values)
     return np.where(known, values, np.mean(values[known]) if known.any() else 0.0)

@@ -51,7 +51,8 @@ def registration_pictures(
     """Return the pictures of a registration, or of a map without functions.
 
     ``width`` is in pixels, ``distortion`` is that of the map. ``report`` is called with the name of
-    the next picture and the share that is done. Raises `DrawingError` if the machine cannot draw.
+    the next picture and the completed share, 0 to 1. Raises `DrawingError` if the machine cannot
+    draw.
     """
     front_of_a, front_of_b = fronts(found, up)
     front_of = {found.a: front_of_a, found.b: front_of_b}
@@ -64,7 +65,7 @@ def registration_pictures(
 
 
 def log2_of(ratios: FloatArray) -> FloatArray:
-    """Return the logarithms to base 2 of ratios (F,), which are clipped at a millionth."""
+    """Return base-2 logarithms of ratios (F,), which are limited to 1e-6 to 1e6."""
     return np.asarray(np.log2(np.clip(ratios, _STRETCH_MIN, 1 / _STRETCH_MIN)))
 
 
@@ -143,7 +144,7 @@ def _path(match: Match, width: int) -> Image.Image | None:
 
 
 def _residual(step: PathStep) -> float:
-    """Return the residual of a step along flow lines, or the discrete one if that is unknown."""
+    """Return the residual of a step along flow lines, or else its residual by the discrete flow."""
     return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
 

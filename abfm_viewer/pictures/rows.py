@@ -36,7 +36,7 @@ class Drawing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A row of surfaces that are compared."""
+    """A row of pictures of surfaces that a page shows side by side for comparison."""
 
     title: str
     panels: tuple[Panel, ...]
@@ -47,7 +47,7 @@ class Row:
 def panels_of(
     mesh: TriangleMesh, bar: str, functions: Mapping[Any, FloatArray]
 ) -> tuple[Panel, ...]:
-    """Return a panel for each function on a surface, by label, with a common colour bar."""
+    """Return a panel for each function on a surface, by label; all share the colour bar ``bar``."""
     return tuple(Panel(mesh, Values(each, bar), str(label)) for label, each in functions.items())
 
 
@@ -57,10 +57,11 @@ def draw_rows(
     width: int,
     report: Callable[[str, float], None],
 ) -> list[Row]:
-    """Return rows with their drawings, of a width in pixels and a common aspect.
+    """Draw rows of surfaces, and return the rows with their pictures.
 
-    ``report`` is called with the title of each row and the share that is done. Raises
-    `DrawingError` if the machine cannot draw.
+    Each picture is ``width`` pixels wide, and all have the same aspect. ``fronts`` are the fronts
+    of the meshes. ``report`` is called with the title of each row and the completed share, 0 to 1.
+    Raises `DrawingError` if the machine cannot draw.
     """
     free = (fitted(mesh.vertices, front).aspect for mesh, front in fronts.items())
     aspect = min(max(*free, _ASPECT_MIN), _ASPECT_MAX)
@@ -89,10 +90,11 @@ def draw_rows(
 def row_pictures(
     results: Sequence[tuple[Path, type[Task]]], up: Up | None = None
 ) -> Iterator[tuple[Path, Image.Image | ResultError]]:
-    """Yield the path of each result, and its picture on white or the error of reading it.
+    """Yield the path of each result file, and its picture on white or the error of reading it.
 
-    A result is a file and its kind of task. All results on one mesh have the same camera, which
-    shows their functions well. Raises `DrawingError` if the machine cannot draw.
+    ``results`` are paths, each with the kind of task that made the result. All results on one mesh
+    have the same camera, which shows their functions well. Raises `DrawingError` if the machine
+    cannot draw.
     """
     meshes: dict[str, TriangleMesh] = {}
     cameras: dict[TriangleMesh, Camera] = {}

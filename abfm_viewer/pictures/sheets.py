@@ -88,11 +88,13 @@ def lay_out(
     size: tuple[int | None, int | None] = (None, None),
     scale: float = 1.0,
 ) -> Layout:
-    """Return the layout of cells of equal height; ``rows`` are their aspects, width over height.
+    """Return the layout of a sheet whose cells have equal height.
 
-    The colour bars are below the cells; an upright bar is at the right. A sheet without a size
-    (width, height) is as large as its cells need. It is not wider than `WIDTH_MAX`, and its cells
-    not higher than `PANEL_HEIGHT_MAX`.
+    ``rows`` are the aspects (width over height) of the cells in each row, and ``bars`` is the
+    number of colour bars. The bars are below the cells, or one bar is at the right if ``upright``.
+
+    ``size`` is the width and height of the sheet; None is as large as its cells need. Without a
+    width, a sheet is not wider than `WIDTH_MAX`, and its cells not higher than `PANEL_HEIGHT_MAX`.
     """
     width, height = size
     margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
@@ -142,10 +144,11 @@ def match_picture(
 ) -> Image.Image:
     """Return a sheet of a match: the source, the source at times of the flow, and the target.
 
-    Frames of panels are blue for the source, red for the target and black for the result. The
-    source is advected to ``times``, by default quarters of tau, and to tau. ``size`` (width,
-    height) in pixels is by default that of a wide sheet. ``channel`` is the number of the shown
-    pair of functions, ``up`` the axis that points upwards.
+    The panels have frames that are blue for the source, red for the target and black for the
+    result. The source is advected to ``times`` (by default quarters of tau), and always to tau.
+
+    ``size`` (width, height) in pixels is by default that of a wide sheet. ``channel`` is the index
+    of the shown pair of functions, ``up`` the axis that points upwards.
     """
     tau = match.parameters.tau
     shown_times = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
@@ -165,7 +168,10 @@ def match_picture(
 
 
 def _verdict(match: Match) -> str:
-    """Return ``residual 4.3%``, or the outcome if it is bad or that of landmarks alone."""
+    """Return a text such as ``residual 4.3%``.
+
+    The text is the outcome instead if the match is not good, or if it matches only landmarks.
+    """
     facts = match.facts
     if not facts.outcome.is_good or match.problem.is_of_landmarks:
         return str(facts.outcome)
@@ -181,8 +187,8 @@ def sequence_picture(
 ) -> Image.Image:
     """Return a sheet of a sequence: the function at several times, with arrows of the field.
 
-    Times of a sheet are evenly spaced by default. Arrows are fainter where the frames do not
-    determine the field. All other parameters are those of `match_picture`.
+    ``times`` are evenly spaced by default. Arrows are fainter where the frames do not determine the
+    field. All other parameters are those of `match_picture`.
     """
     begin, end = float(sequence.times[0]), float(sequence.times[-1])
     panels = []
@@ -204,7 +210,7 @@ SHEETS: Mapping[type, Callable[..., Image.Image]] = {
 
 
 def _one_row(sheet: Sheet, size: tuple[int, int] | None) -> Image.Image:
-    """Return a sheet of panels of one surface, broken into rows that fit the size."""
+    """Return the picture of a sheet with panels of one surface, in rows that fit ``size``."""
     views = cameras(sheet)
     (view,) = views.values()
     layout = grid(len(sheet.rows[0]), view.aspect, size)
@@ -212,7 +218,10 @@ def _one_row(sheet: Sheet, size: tuple[int, int] | None) -> Image.Image:
 
 
 def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
-    """Return the picture of a figure, with notes below it, or raise `DrawingError`."""
+    """Return the picture of a figure with notes below it.
+
+    Raises `DrawingError` if the machine cannot draw.
+    """
     views = cameras(sheet, _ASPECTS)
     plot_aspect = max(next(iter(views.values())).aspect if views else 1.0, 0.7)
 
@@ -226,7 +235,10 @@ def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
 
 
 def grid(count: int, aspect: float, size: tuple[int, int] | None = None) -> Layout:
-    """Return a layout of panels as large as possible; the default aspect is about 2.4."""
+    """Return a layout of ``count`` panels of an aspect, which are as large as possible.
+
+    Without ``size``, the aspect (width over height) of the sheet is about 2.4.
+    """
     width, height = size or (DEFAULT_WIDTH, None)
     scale = 1.0
     if height is not None:
@@ -291,7 +303,10 @@ def sheet_picture(
 
 
 def wrapped(texts: Sequence[str], width: float, width_of: Callable[[str], float]) -> list[str]:
-    """Break texts into lines of at most a width in pixels; long words are not broken."""
+    """Break texts into lines of at most a width in pixels; long words are not broken.
+
+    ``width_of`` returns the width of a text in pixels.
+    """
     lines = []
     for text in texts:
         line, *words = text.split() or [""]

@@ -28,7 +28,7 @@ _SIXTEEN_BITS = 257  # ratio of 16-bit to 8-bit values
 def read_texture(
     path: str | os.PathLike[str], mesh: TriangleMesh, image: str | os.PathLike[str] | None = None
 ) -> tuple[Texture, str]:
-    """Return the texture of a mesh file in four channels, and its alpha mode as in glTF.
+    """Return the texture of a mesh file in four channels (RGBA), and its alpha mode as in glTF.
 
     An alpha mode is OPAQUE, MASK or BLEND. Colours of vertices and materials become factors of the
     images, or of white. Raises `MeshError` as `abfm.mesh.colors.load_colors`, and if an image is
@@ -66,7 +66,7 @@ def read_texture(
 
 
 def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -> None:
-    """Write a surface with one image of four channels; see `abfm.io.write_textured`."""
+    """Write a surface with one image of four channels (RGBA); see `abfm.io.write_textured`."""
     [pixels] = texture.images
     opaque = bool((pixels[..., 3] == 255).all())
     data, mode = BytesIO(), _OPAQUE_MODE if opaque else alpha_mode
@@ -76,7 +76,7 @@ def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND_MODE) -
 
 
 def _decoded(data: bytes, pixels_max: int) -> Pixels:
-    """Return an image (H, W, 4); refuse one of more than ``pixels_max`` pixels."""
+    """Return a decoded image (H, W, 4); refuse an image of more than ``pixels_max`` pixels."""
     ignored = warnings.catch_warnings(action="ignore")
     with ignored, Image.open(BytesIO(data), formats=_FORMATS) as image:
         if image.width * image.height > pixels_max:

@@ -21,7 +21,7 @@ _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
 
 
 class SummaryRow(NamedTuple):
-    """A row of a batch and its facts, which have numbers only if there is a result."""
+    """A row of a batch and its facts, which contain numbers only if the row has a result."""
 
     entry: LedgerEntry
     facts: Facts
@@ -36,7 +36,7 @@ class SummaryRow(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """The larger residual of both checks; infinite if it is unknown."""
+        """The larger of the discrete and the flow-line residual; infinite if it is unknown."""
         return _or_infinite(self.facts.worse_residual)
 
     @property
@@ -63,7 +63,7 @@ def counts(rows: Iterable[SummaryRow]) -> dict[Outcome, int]:
 
 
 def worst(rows: Sequence[SummaryRow]) -> list[SummaryRow]:
-    """Return at most `ROWS_SHOWN_MAX` rows, by worst outcome and then by largest residual."""
+    """Return at most `ROWS_SHOWN_MAX` rows, sorted by worst outcome, then by largest residual."""
     return heapq.nsmallest(ROWS_SHOWN_MAX, rows, key=_goodness)
 
 
@@ -75,7 +75,7 @@ def _goodness(row: SummaryRow) -> tuple[int, float]:
 class Best(NamedTuple):
     """The best rows of a batch that solves one problem with several settings.
 
-    Only rows that reached their target are compared, if there are any.
+    If some rows reached their target, only these are compared.
     """
 
     closest: SummaryRow  # the row with the smallest residual
@@ -207,7 +207,7 @@ def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
 
 
 def _grid(rows: Sequence[SummaryRow]) -> Grid | None:
-    """Return rows that are all combinations of two options as a grid; None for other rows."""
+    """Return rows as a grid if they are all combinations of two options' values, else None."""
     every = [dict(row.entry.row.options) for row in rows]
     varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
     if len(varied) != 2:

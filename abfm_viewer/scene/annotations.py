@@ -59,7 +59,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Strip:
-    """A rectangle with the colours of a map, from left to right or upwards."""
+    """A rectangle with the colours of a colormap, from left to right or from bottom to top."""
 
     rect: Rect
     colormap: str
@@ -109,7 +109,7 @@ class Pen:
 def bar_parts(
     title: str, colors: ColorRange, rect: Rect, pen: Pen, upright: bool = False
 ) -> list[Part]:
-    """Lay out a colour bar, with its title above and its numbers below or at the right."""
+    """Lay out a colour bar: title above and numbers below, or upright with numbers at the right."""
     left, top, right, bottom = rect
     gap, inks = _GAP * pen.scale, pen.inks
     is_abbreviated = not upright and pen.width(title) > right - left
@@ -140,7 +140,7 @@ def bar_parts(
 
 
 def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> list[Part]:
-    """Lay out bars as high as a line of text; if they do not fit, with shorter titles or none."""
+    """Lay out colour bars in one line of text; shorten or omit titles that do not fit."""
     left, top, right, bottom = rect
     gap, separation, thin = 2 * _GAP * pen.scale, _LINE_GAP * pen.scale, pen.line / 4
     inks, full_titles, count = pen.inks, list(ranges), len(ranges)
@@ -173,7 +173,11 @@ def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> 
 
 
 def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Return numbers that do not overlap: round ones for ticks, otherwise ends and middle."""
+    """Return the numbers next to a colour bar, chosen so that they do not overlap.
+
+    With ticks these are round numbers. Otherwise they are both ends, and the middle if there is
+    space.
+    """
     low, high = colors.low, colors.high
     if pen.tick:
         values = ticks(low, high)
@@ -199,7 +203,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def bars_height(pen: Pen, height: float) -> float:
-    """Return the height of colour bars, with titles and numbers, in a scene of a height."""
+    """Return the height of colour bars, with titles and numbers, in a scene of a given height."""
     bars = 2 * pen.line + pen.scale * (_GAP_ABOVE + _BAR_HEIGHT + 2 * _GAP + _GAP_BELOW)
     return bars if bars <= _BAR_HEIGHT_SHARE_MAX * height else name_height(pen)
 
@@ -232,16 +236,17 @@ def annotation_parts(
 
 
 def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
-    """Return the right end of strips and texts, or the left side of the rectangle."""
+    """Return the right end of all strips and texts; without any, the left side of the rectangle."""
     ends = [one.rect[2] for one in parts if isinstance(one, Strip)]
     ends += [one.left + pen.width(one.text) for one in parts if isinstance(one, Text)]
     return max(ends, default=rect[0])
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend of critical points and missing values below the surfaces, if it fits.
+    """Lay out the legend of critical points and missing values below the surfaces.
 
-    ``begin`` is the left end of the free space, in pixels.
+    ``begin`` is the left end of the free space, in pixels. The list is empty if the legend does not
+    fit.
     """
     found: list[Part] = []
     radius, right = _DOT_RADIUS * pen.scale, rect[2] - _MARGIN * pen.scale
@@ -256,7 +261,10 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Pa
 
 
 def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
-    """Lay out landmarks as numbered discs, and their goals as rings of the same colour."""
+    """Lay out landmarks as numbered discs, and the points that they should reach as rings.
+
+    A disc and its ring have the same colour.
+    """
     found: list[Part] = []
     radius, line = LANDMARK_RADIUS * pen.scale, 1.5 * pen.scale
     for landmark in sorted(landmarks, key=lambda each: not each.is_goal):  # rings below discs
@@ -274,7 +282,7 @@ def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
-    """Yield the name of each surface, its title and the rectangle of the title."""
+    """Yield the name of each surface, its title and the rectangle in which the title is drawn."""
     outdated = scene.outdated
     for name in scene.shown:
         paint = scene.paints.get(name)
@@ -365,7 +373,7 @@ Centre = tuple[FloatArray, FloatArray]  # A point (3,) and the normal (3,) of th
 
 
 class GaussianMarkers:
-    """Rings around active Gaussians, while Shift is held or if a side has several."""
+    """Rings around active Gaussians, drawn while Shift is held or if a side has several."""
 
     def __init__(self) -> None:
         self._centres = {side: Memo[Centre | None]() for side in SIDES}

@@ -42,13 +42,19 @@ _BALL = 256
 
 
 def reserve_core_for_solver() -> None:
-    """Limit the threads of Mesa, which would stop the solver at every frame; before `start`."""
+    """Limit the drawing threads of Mesa to all cores except two; call this before `start`.
+
+    Mesa draws without a graphics card. With more threads it would stop the solver in every frame.
+    """
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope, or change its size in pixels; raise `DrawingError` if that is impossible."""
+    """Start polyscope with a window of a size in pixels, or change the size if it is running.
+
+    Raises `DrawingError` if the machine cannot draw.
+    """
     # setting the same size again would block GLFW for ever
     if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
         ps.set_window_size(width, height)
@@ -83,7 +89,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
 
 
 def material_pictures() -> NDArray[np.uint8]:
-    """Return four pictures of a lit ball, (4, H, W, 3), which polyscope blends.
+    """Return four pictures of a lit ball, (4, H, W, 3), from which polyscope computes shading.
 
     The brightness of the pictures is at most 0.9 because polyscope's tone mapping brightens them.
     """
@@ -110,7 +116,7 @@ def clear() -> None:
 
 
 def draw_transparency(is_needed: bool) -> None:
-    """Turn the drawing of transparency on or off; with it a frame takes 8 passes.
+    """Turn the drawing of transparent structures on or off; if it is on, a frame takes 8 passes.
 
     polyscope turns it on automatically, but never off.
     """

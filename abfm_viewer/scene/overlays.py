@@ -72,12 +72,12 @@ class SurfacePath:
 
     @property
     def lengths(self) -> FloatArray:
-        """Distances from the start along the curve, (K,)."""
+        """Distances of the curve's points from its start, measured along the curve, (K,)."""
         steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def at(self, lengths: FloatArray) -> SurfacePath:
-        """Return the curve through the points at distances from the start (N,)."""
+        """Return the curve through the points at distances (N,) from the start of this curve."""
         nodes = self.lengths
         places, normals = (
             np.stack([np.interp(lengths, nodes, values[:, x]) for x in range(3)], axis=1)
@@ -93,7 +93,7 @@ def path_of_line(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> SurfacePath:
 
 
 def path_through(mesh: TriangleMesh, places: FloatArray) -> SurfacePath:
-    """Return the path through places (K, 3) near a surface."""
+    """Return the curve through points (K, 3) near a surface, with the surface's normals there."""
     return _path_at(mesh, places, abfm.maps.project_onto_surface(mesh, places))
 
 
@@ -107,7 +107,7 @@ def _path_at(
 
 @per_mesh
 def evenly_spread(mesh: TriangleMesh) -> IntArray:
-    """Return the largest face in each cube of a grid."""
+    """Return the indices of evenly spread faces: the largest face in each cube of a grid."""
     centres = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
     cells = np.floor(centres[by_size] / _CUBE).astype(np.int64)
@@ -115,7 +115,7 @@ def evenly_spread(mesh: TriangleMesh) -> IntArray:
 
 
 def line_ribbons(paths: Iterable[SurfacePath], half_width: float) -> Triangles:
-    """Return a ribbon along each path, rounded at sharp turns, with heads for its direction."""
+    """Return a ribbon along each path, rounded at sharp turns, with arrowheads on it."""
     parts: list[Triangles] = []
     shares = np.linspace(0, 1, _HEAD_NODES)
     for path in paths:
@@ -139,7 +139,7 @@ def line_ribbons(paths: Iterable[SurfacePath], half_width: float) -> Triangles:
 
 
 def _smooth_sections(path: SurfacePath) -> FloatArray:
-    """Return the distances of the start, the sharp turns and the end of a path from its start."""
+    """Return the ends of a path's parts without sharp turns, as distances from its start."""
     lengths = path.lengths
     moved = np.flatnonzero(np.diff(lengths, prepend=-1.0) > 0)
     along = unit(np.diff(path.places[moved], axis=0))
@@ -148,7 +148,11 @@ def _smooth_sections(path: SurfacePath) -> FloatArray:
 
 
 def _fitting_start(ends: FloatArray, start: float, length: float) -> float:
-    """Return the start of a part without a sharp turn that is nearest to the given start."""
+    """Return the distance nearest to ``start`` at which a part without a sharp turn can begin.
+
+    The part has the given length. ``ends`` are the distances of the path's start, sharp turns and
+    end from its start.
+    """
     first, last = ends[:-1], ends[1:] - length
     fits = last >= first - 1e-12
     places = np.clip(start, first[fits], np.maximum(last, first)[fits])
@@ -211,7 +215,7 @@ def _joined(parts: list[Triangles]) -> Triangles:
 
 
 def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
-    """Draw arrows with rims; `show_visible_arrows` then hides the invisible ones."""
+    """Draw all arrows with rims; call `show_visible_arrows` next to hide the invisible ones."""
     vertices = arrows.vertices.reshape(-1, 3)
     places = viewport(arrows.mesh).drawn(arrows.mesh.length_scale * vertices)
     options = {"smooth_shade": False, "material": MATERIAL}
@@ -228,7 +232,10 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
 
 
 def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
-    """Show only the arrows that are completely visible from a point of view."""
+    """Show only the arrows that are completely visible from a point of view.
+
+    ``hidden`` is a mask of the arrows that the surface covers, or None if it is not yet computed.
+    """
     vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
     ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 
@@ -246,7 +253,7 @@ def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb
 def draw_points(
     name: str, mesh: TriangleMesh, positions: FloatArray, color: Rgb, radius: float
 ) -> None:
-    """Draw points (P, 3) of a surface as balls; the radius is in sqrt(area)."""
+    """Draw points (P, 3) of a surface as balls; their radius is in units of sqrt(area)."""
     places = viewport(mesh).drawn(positions)
     cloud = ps.register_point_cloud(name, places, color=color[:3], material=MATERIAL)
     cloud.reset_transform()
@@ -254,7 +261,7 @@ def draw_points(
 
 
 class Overlays:
-    """All structures of polyscope except the surfaces; they are redrawn when their inputs change.
+    """All structures drawn over the surfaces; they are redrawn when their inputs change.
 
     ``on_redraw`` is called with the name of each redrawn structure.
     """
@@ -271,9 +278,10 @@ class Overlays:
     def update(
         self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool, scale: float
     ) -> None:
-        """Draw the structures that the view shows on surfaces, by name.
+        """Draw the structures that the view requests on the given surfaces.
 
-        Structures of the flow are drawn only if ``of_flow``. ``scale`` is pixels per unit length.
+        ``meshes`` and ``paints`` are by name of the surface. Arrows, flow lines and paths are drawn
+        only if ``of_flow``. ``scale`` is the number of pixels per unit length.
         """
         self._scale = scale
         for name, mesh in meshes.items():
@@ -283,7 +291,10 @@ class Overlays:
             self._draw_of_flow(mesh, of_flow, "source" in meshes)
 
     def update_arrows(self, axes: FloatArray) -> None:
-        """Show the completely visible arrows; ``axes`` (3, 3) point right, up, to the viewer."""
+        """Show the arrows that are completely visible.
+
+        The rows of ``axes`` (3, 3) point right, up, and towards the viewer.
+        """
         quantities, view = self._shown.quantities, self._shown.session.view
         eye = self._eye.get((axes.tobytes(),), lambda: Eye(axes))
         field = self._field
@@ -303,7 +314,11 @@ class Overlays:
             show_visible_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Draw level sets, but not of the often constant ends and middle of the range."""
+        """Draw level sets of the function that a surface shows, at evenly spaced levels.
+
+        No level is at an end of the colour range, or in its middle if their number is even.
+        Functions are often constant there.
+        """
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
         if not view.isolines or surface == "error" or paint is None or colors is None:
@@ -359,7 +374,7 @@ class Overlays:
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
-        """Hide all structures in the block, so that a pick hits a surface."""
+        """Hide all structures in the block, so that picking hits the surface behind them."""
         structures = [structure for *_, structure in self.structures() if structure.is_enabled()]
         for structure in structures:
             structure.set_enabled(False)
@@ -374,7 +389,10 @@ class Overlays:
             self._remove(name)
 
     def _is_new(self, surface: str, name: str, inputs: tuple[object, ...] | None) -> bool:
-        """Return whether to draw a structure (only with ``inputs``), and remove an outdated one."""
+        """Return whether a structure has to be drawn because its inputs changed.
+
+        An outdated structure is removed. If ``inputs`` is None, it is not drawn again.
+        """
         if name in self._drawn and same(self._drawn[name][1], inputs):
             return False
         self._remove(name)

@@ -1,7 +1,8 @@
-"""Choice of the frames that redraw the surfaces, and of the samples per pixel.
+"""Choice of the window's frames that redraw the surfaces, and of the samples per pixel.
 
-If drawing takes longer than a frame, the pictures of a run and moving streaks wait, so that the
-window responds in the frames between. While nothing moves, one frame has several samples per pixel.
+If redrawing the surfaces is slow, only some frames redraw the pictures of a running match and
+moving streaks, so that the window responds. While nothing moves, the surfaces are drawn with
+several samples per pixel (antialiasing).
 """
 
 import time as clock
@@ -20,7 +21,7 @@ _SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 
 class Pacing:
-    """Frame counts that decide which surfaces are redrawn in a frame."""
+    """Choice of the surfaces that a frame of the window redraws if redrawing them is slow."""
 
     def __init__(self, session: Session) -> None:
         self.redraw_seconds = 0.0  # duration of a recent redraw of the surfaces
@@ -36,13 +37,20 @@ class Pacing:
 
     @property
     def is_beginning(self) -> bool:
-        """Whether a run is showing its first pictures, slowly; its flow is then not drawn."""
+        """Whether redrawing is slow and a run is showing its first pictures.
+
+        Arrows, flow lines and paths are then not drawn.
+        """
         session = self._session
         is_early = session.solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
         return session.matching.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
-        """Return whether a surface is not repainted in this frame; call once for each, in order."""
+        """Return whether a surface keeps its earlier picture in this frame.
+
+        Call this once per frame for each shown surface, in order. ``is_first`` is true for the
+        first one.
+        """
         session, solver, seconds = self._session, self._session.solver, self.redraw_seconds
         if self.draws_quickly:
             return False
@@ -60,7 +68,11 @@ class Pacing:
         return self._frames_behind != 0 and not session.dragging
 
     def count(self, is_new: bool, is_texture: bool) -> None:
-        """Record that the advected surface was drawn, ``is_new`` if with other colours."""
+        """Record that the advected surface was drawn.
+
+        ``is_new`` is true if its colours changed, ``is_texture`` if it shows a texture, such as
+        streaks.
+        """
         if is_new and is_texture:
             self._textured_at = clock.perf_counter()
         started = self._session.solver.started
@@ -70,7 +82,7 @@ class Pacing:
 
 
 class Supersampling:
-    """Choice of `samples`, the number of samples along a side of a pixel in the window."""
+    """Choice of `samples`, the number of antialiasing samples along each side of a pixel."""
 
     def __init__(self, session: Session, is_real: bool) -> None:
         self.samples = 1
@@ -78,10 +90,10 @@ class Supersampling:
         self._moved_at = clock.perf_counter()
 
     def update(self, moves: bool, seconds: float) -> None:
-        """Choose the samples of the next frame.
+        """Choose the number of antialiasing samples of the next frame.
 
-        ``moves`` is whether the next frame differs from this one, ``seconds`` the time to draw a
-        sample.
+        ``moves`` is true if the next frame differs from this one. ``seconds`` is the time to draw
+        the window with one sample per pixel.
         """
         if not self._is_real:
             return

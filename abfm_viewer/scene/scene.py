@@ -38,7 +38,7 @@ NO_VALUE = "no value"  # text for grey in the legend
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A picked point of a surface, and the nearest vertex of its face."""
+    """A point of a surface below the mouse, and the nearest corner of its face."""
 
     surface: str
     point: Point
@@ -46,10 +46,11 @@ class Hit:
 
 
 class Scene:
-    """The surfaces in their slots.
+    """The surfaces of a session, each drawn in its slot, a rectangle of the window.
 
-    `names` are all surfaces, `shown` those that have a slot. With ``turns`` the surfaces are small
-    enough to turn about their upright axes within their slots.
+    `names` are the names of all surfaces, `shown` those of surfaces with a slot. If ``turns`` is
+    true, the surfaces are drawn so small that they can turn about their upright axes within their
+    slots.
     """
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
@@ -77,7 +78,10 @@ class Scene:
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
-        """Update all structures of polyscope for the next frame, in a rectangle of the window."""
+        """Update all structures of polyscope for the next frame.
+
+        The surfaces are drawn within ``rect``, a rectangle of the window.
+        """
         session, view = self._session, self._session.view
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
@@ -103,12 +107,15 @@ class Scene:
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:
-        """Return the mesh on which a surface is drawn: its own, or the finer one of its values."""
+        """Return the mesh on which a surface is drawn.
+
+        This is the surface's own mesh, or a finer mesh if the shown values are on a finer one.
+        """
         paint = self.painter.paint(name)
         return (paint and paint.mesh) or self._session.surface(name).mesh
 
     def _paint(self) -> bool:
-        """Paint the surfaces; return whether the advected one waits."""
+        """Paint the shown surfaces; return whether the advected one keeps its earlier colours."""
         advected_waits = False
         for name in self.shown:
             paint, before = self.painter.paint(name), self.paints.get(name)
@@ -128,29 +135,32 @@ class Scene:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Surfaces with a slot in this frame: all, or only the enlarged one."""
+        """Names of the surfaces with a slot in this frame: all, or only the enlarged one."""
         return tuple(name for name in self.names if name in self.view.slots)
 
     @property
     def outdated(self) -> tuple[str, ...]:
-        """Shown surfaces that still have an earlier result."""
+        """Names of the shown surfaces that still show an earlier result."""
         is_behind = self._shown.is_behind
         return tuple(name for name in self.shown if is_behind and name in ("advected", "error"))
 
     @property
     def viewpoint(self) -> Viewpoint | None:
-        """The current viewpoint; None before there is a front."""
+        """The current viewpoint; None while the front view of the surfaces is not yet chosen."""
         if viewpoint := self._session.view.viewpoint:
             return viewpoint
         return Viewpoint(front) if (front := self._front("advected")) else None
 
     def turn(self, degrees: float) -> None:
-        """Turn all surfaces about their upright axes, which makes picks wrong."""
+        """Turn all surfaces about their upright axes.
+
+        The transforms that locate clicks ignore this turn, so picking a point is wrong afterwards.
+        """
         self._degrees = degrees
         self._place()
 
     def set_view(self, view: SlotView) -> None:
-        """Set the view, without a step of undo."""
+        """Set the session's viewpoint to that of a view, without an undo step."""
         before = self.viewpoint
         assert before is not None
         target = before.target
@@ -164,7 +174,10 @@ class Scene:
             self._session.editor.amend(view=replace(self._session.view, viewpoint=viewpoint))
 
     def common_viewpoint(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
-        """Return the common viewpoint at which one surface is seen from its own viewpoint."""
+        """Return the common viewpoint at which a surface is seen from the given viewpoint.
+
+        All surfaces have the common viewpoint, each relative to its own front.
+        """
         if name not in self._views:
             return viewpoint
         source, common, target = self._fitted("source"), self._fitted("advected"), viewpoint.target
@@ -175,7 +188,11 @@ class Scene:
         return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
     def links(self) -> list[Link]:
-        """Return lines from points of A to their images on B at the shown time, both in view."""
+        """Return lines from points of surface A to their images on surface B at the shown time.
+
+        A line is omitted if an end is outside its slot, or if its end on B faces away from the
+        viewer.
+        """
         session, ends = self._session, ("source", "advected")
         if not session.view.links or self._has_one_surface:
             return []
@@ -201,14 +218,18 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the kinds of drawn tracks, and `NO_VALUE` if a function has missing values."""
+        """Return the entries of the legend.
+
+        These are the kinds of critical points with drawn tracks, and `NO_VALUE` if a function has
+        missing values.
+        """
         kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
         return (*kinds, NO_VALUE) if is_missing else kinds
 
     def landmarks(self) -> list[DrawnLandmark]:
-        """Return the visible landmarks, with their places in the window."""
+        """Return the visible landmarks, with their positions in the window."""
         found: list[DrawnLandmark] = []
         for name in self.shown:
             side: Side = "source" if name == "source" else "target"
@@ -244,16 +265,16 @@ class Scene:
         ]
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
-        """Return the places in the window and the depths of points (P, 3) of a surface, (P, 3)."""
+        """Return window positions in pixels and depths, (P, 3), of a surface's points (P, 3)."""
         drawn = viewport(self._meshes[name]).drawn(np.atleast_2d(points))
         return self.view_of(name).projected(name, drawn)
 
     def view_of(self, name: str) -> SlotView:
-        """Return the view of a surface: the common one, from the front of the surface."""
+        """Return the view of a surface: the common view, relative to the surface's front."""
         return self._views.get(name, self.view)
 
     def covers(self, name: str, place: Place) -> bool:
-        """Return whether a surface covers a place of the window, by computation."""
+        """Return whether a surface covers a position in the window, computed from its faces."""
         mesh = self._meshes[name]
         corners = self.projected(name, mesh.vertices)[mesh.faces, :2] - place
         x, y = np.moveaxis(corners, -1, 0)
@@ -289,7 +310,7 @@ class Scene:
         return Hit(name, Point(face, triple(weights)), vertex)
 
     def _front(self, slot: str) -> Front | None:
-        """Return the front of a surface, chosen when its functions are known; None before that."""
+        """Return the front of a surface; None until the functions that determine it are known."""
         session, surface = self._session, self._session.surface(slot)
         if surface.front is not None:
             return surface.front
@@ -402,7 +423,10 @@ class Links:
 
     @classmethod
     def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
-        """Return links to evenly spread vertices of B, whose origins (V_B, 3) are on A."""
+        """Return links between surface A and evenly spread vertices of surface B.
+
+        ``origins`` (V_B, 3) are the points of A that the map moves to the vertices of B.
+        """
         chosen = np.unique(b.faces[evenly_spread(b)][:, 0])
         colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # sRGB
         return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)
@@ -427,7 +451,7 @@ class Fitted:
 
 
 def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
-    """Return points (2 n, 3) of both rims of the cylinder in which a mesh turns about an axis."""
+    """Return points (2 n, 3) on both rims of the cylinder in which a mesh turns about an axis."""
     middle = viewport(mesh).centre
     along = (mesh.vertices - middle) @ axis
     radius = np.linalg.norm(mesh.vertices - middle - along[:, None] * axis, axis=1).max()
@@ -442,7 +466,7 @@ _Side = tuple[int, float, int]
 
 
 class Placing:
-    """Transforms of structures to their slots, and slice planes at the sides of the slots."""
+    """Transforms that move structures into their slots, and slice planes that clip them there."""
 
     def __init__(self) -> None:
         # names, because a handle that outlives its plane damages later ones at its address

@@ -1,4 +1,4 @@
-"""Slots of surfaces in the window, their views, and changes of the views by the mouse."""
+"""Slots (rectangles of the window with one surface each), their views, and changes by the mouse."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Place = tuple[float, float]  # A point of the window, in pixels
 
 @dataclass(frozen=True)
 class Slot:
-    """The rectangle of a surface, which is clipped to it, and that of its name."""
+    """The rectangle in which a surface is drawn and clipped, and the rectangle of its name."""
 
     rect: Rect
     name: Rect  # above or at the left
@@ -43,7 +43,7 @@ class Slot:
 
     @property
     def half(self) -> tuple[float, float]:
-        """Half the width and height, less the margins."""
+        """Half the width and half the height of the rectangle without its margins, in pixels."""
         left, top, right, bottom = self.rect
         width, height = right - left, bottom - top
         margin = _MARGIN * min(width, height)
@@ -56,14 +56,15 @@ Slots = Mapping[str, Slot]
 def slots(
     names: Sequence[str], rect: Rect, shape: tuple[float, float], layout: Layout, name_height: float
 ) -> dict[str, Slot]:
-    """Divide a rectangle into rows of slots for surfaces of a shape (width, height).
+    """Divide a rectangle of the window into rows of slots, one slot for each name of a surface.
 
-    The automatic layout makes the surfaces large.
+    ``shape`` is the width and height of the surfaces seen from the front. The automatic layout
+    chooses the number of columns that makes the surfaces large.
     """
     count = len(names)
 
     def goodness(columns: int) -> float:
-        """Rate the size of surfaces, mainly from the front."""
+        """Rate a number of columns by the size of the surfaces and the share of used slots."""
         half = next(_grid(columns, count, rect, name_height)).half
         filled = count / (columns * math.ceil(count / columns))
         return float(
@@ -77,7 +78,10 @@ def slots(
 
 
 def fitting(half: tuple[float, float], shape: tuple[float, float]) -> float:
-    """Return the scale at which a shape (width, height) fits a slot of half a width and height."""
+    """Return the scale at which a shape (width, height) fits a slot.
+
+    ``half`` is half the width and half the height of the slot.
+    """
     return min(2 * space / max(length, 1e-12) for space, length in zip(half, shape, strict=True))
 
 
@@ -102,8 +106,8 @@ def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[
 class SlotView:
     """The view of surfaces in their slots, in parallel projection.
 
-    Places are pixels of the window; points are in the coordinates in which a surface is drawn. The
-    actions of the mouse return another view.
+    A place is a position in the window, in pixels. Points have the coordinates in which a surface
+    is drawn. The methods for actions of the mouse return a new view.
     """
 
     slots: Slots
@@ -117,15 +121,18 @@ class SlotView:
     above: float  # extent of the surface upwards from the centre in this view
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
-        """Return places and depths (P, 3) of points (P, 3); a nearer point has less depth."""
+        """Return window positions and depths, together (P, 3), of points (P, 3).
+
+        A point closer to the viewer has a smaller depth.
+        """
         x, y, z = ((np.atleast_2d(points) - self.target) @ self.rotation.T).T
         middle = self.slots[name].middle
         return np.stack([middle[0] + self.scale * x, middle[1] - self.scale * y, -z], axis=1)
 
     def matrix(self, name: str, window: tuple[int, int], scale: float) -> FloatArray:
-        """Return the transform (4, 4) that puts a surface into its slot.
+        """Return the transform (4, 4) that moves a surface into its slot.
 
-        The viewer looks along z, at ``scale`` pixels per unit length.
+        The viewer looks along z. A unit of length has ``scale`` pixels.
         """
         matrix, share = np.eye(4), self.scale / scale
         matrix[:3, :3], matrix[:3, 3] = self.rotation, -self.rotation @ self.target
@@ -134,17 +141,17 @@ class SlotView:
         return matrix
 
     def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
-        """Return a place relative to the middle of the window, in units of length, (2,)."""
+        """Return a position relative to the window's middle, in units of drawn points, (2,)."""
         return np.array([place[0] - window[0] / 2, window[1] / 2 - place[1]]) / self.scale
 
     @property
     def is_clipped(self) -> bool:
-        """Whether the surfaces may exceed their slots."""
+        """Whether the surfaces may be larger than their slots, which then clip them."""
         return self.zoom > 1 or bool(np.abs(self.target - self.centre).max() > 1e-9 * self.radius)
 
     @property
     def has_names_at_left(self) -> bool:
-        """Whether names are at the left of surfaces, not above them."""
+        """Whether the names of surfaces are at their left; otherwise the names are above them."""
         slot = next(iter(self.slots.values()))
         return slot.name[3] > slot.rect[1] + 1
 
@@ -158,7 +165,7 @@ class SlotView:
         return left, end - (bottom - top), right, end
 
     def borders(self) -> list[tuple[Place, Place]]:
-        """Return the lines between the slots of clipped surfaces."""
+        """Return the lines between the slots of clipped surfaces; none if nothing is clipped."""
         if not self.is_clipped:
             return []
         rects = [(*slot.name[:2], *slot.rect[2:]) for slot in self.slots.values()]
@@ -170,7 +177,7 @@ class SlotView:
         return [*down, *(((start, top), (end, top)) for top in tops)]
 
     def slot_at(self, place: Place) -> str:
-        """Return the surface whose slot contains a place, or is nearest to it."""
+        """Return the name of the surface whose slot contains a position, or is nearest to it."""
 
         def distance(name: str) -> float:
             left, top, right, bottom = self.slots[name].rect
@@ -180,7 +187,10 @@ class SlotView:
         return min(self.slots, key=distance)
 
     def turned(self, name: str, start: Place, end: Place) -> Self:
-        """Return the view after the mouse turned the ball of a surface from place to place."""
+        """Return the view after a drag of the mouse from ``start`` to ``end`` that turns a surface.
+
+        The drag turns a virtual ball around the surface.
+        """
         one, other = (self._on_ball(name, place) for place in (start, end))
         axis = np.cross(one, other)
         sine = float(np.linalg.norm(axis))
@@ -190,7 +200,11 @@ class SlotView:
         return replace(self, rotation=_orthonormal(turn @ self.rotation))
 
     def orbited(self, delta: Place) -> Self:
-        """Return the view after a drag by pixels: across turns the turntable, down tilts it."""
+        """Return the view after a drag by ``delta`` pixels.
+
+        A horizontal drag turns the surfaces about their upright axis, and a vertical one tilts
+        them.
+        """
         radian = _BALL * self.radius * self.scale / self.zoom
         _, up, towards = self.rotation @ self.upright
         before = math.atan2(towards, up)
@@ -202,14 +216,17 @@ class SlotView:
         return replace(self, rotation=_orthonormal(tilt @ around @ self.rotation))
 
     def moved(self, delta: Place) -> Self:
-        """Return the view after a move by pixels; the surfaces stay in the window."""
+        """Return the view after a move by ``delta`` pixels; the surfaces stay in the window."""
         shift = np.array([-delta[0], delta[1], 0.0]) / self.scale
         away = self.target + shift @ self.rotation - self.centre
         share = min(1.0, self.radius / max(float(np.linalg.norm(away)), 1e-12))
         return replace(self, target=self.centre + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
-        """Return the view zoomed by a factor about a place; zooming out also centres the target."""
+        """Return the view zoomed by a factor about a place.
+
+        Zooming out also moves the surfaces back towards the middle of their slots.
+        """
         zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
@@ -221,14 +238,21 @@ class SlotView:
         return replace(self, zoom=zoom, target=target)
 
     def transferred(self, front: Front, fit: Fit, other: Front) -> SlotView:
-        """Return the same view of another surface, relative to its front ``other``."""
+        """Return the view of another surface that corresponds to this view.
+
+        ``front`` is the front of this surface. ``fit`` and ``other`` are the extent and the front
+        of the other surface.
+        """
         axes = self.rotation @ front.axes.T @ other.axes
         view = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
         moved = front.axes @ (self.target - self.centre) * (self.scale / view.scale)
         return replace(view, target=view.centre + moved @ other.axes)
 
     def _on_ball(self, name: str, place: Place) -> FloatArray:
-        """Return the unit vector (3,) to a place on the ball, or on the hyperboloid around it."""
+        """Return the unit vector (3,) to the point of a virtual ball below a place.
+
+        Outside the ball, the point is on a hyperboloid around it.
+        """
         middle, radius = self.slots[name].middle, _BALL * self.radius * self.scale
         x, y = (place[0] - middle[0]) / radius, (middle[1] - place[1]) / radius
         square = x * x + y * y
@@ -246,7 +270,7 @@ def rotation(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _orthonormal(rotation: FloatArray) -> FloatArray:
-    """Return a rotation (3, 3) without its rounding errors."""
+    """Return a rotation matrix (3, 3) made orthonormal again after rounding errors."""
     direction, right = rotation[2], np.cross(rotation[1], rotation[2])
     direction, right = direction / np.linalg.norm(direction), right / np.linalg.norm(right)
     return np.stack([right, np.cross(direction, right), direction])
@@ -266,7 +290,11 @@ class Fit:
         self._last: tuple[Front, FloatArray, tuple[float, float], float] | None = None
 
     def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
-        """Return the view from a front; the default target is the centre of the surface."""
+        """Return the view of the surface from a front.
+
+        ``target`` (3,) is the point in the middle of the slots, by default the centre of the
+        surface.
+        """
         if self._last is None or self._last[0] != front:  # most frames have the same front
             axes = front.axes
             across, upwards = (self._around @ axes[:2].T).T

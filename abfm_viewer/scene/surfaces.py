@@ -1,4 +1,4 @@
-"""Meshes in polyscope: coordinates, creases, styles, paints, and cameras of sheets."""
+"""Meshes in polyscope: coordinates, creases, styles, paints (colours), and cameras of pictures."""
 
 import math
 from dataclasses import dataclass
@@ -31,7 +31,10 @@ _EDGE_WIDTH_SHARE_MIN = 0.3
 
 
 class Viewport:
-    """Coordinates of a mesh from its middle in sqrt(area), as graphics cards have only 7 digits."""
+    """Coordinates in which a mesh is drawn: relative to its middle, in units of sqrt(area).
+
+    Original coordinates would lose precision, because graphics cards have only 7 digits.
+    """
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.centre: FloatArray = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
@@ -62,12 +65,16 @@ def register(name: str, mesh: TriangleMesh) -> Any:
 
 
 def back_faces(mesh: TriangleMesh) -> str:
-    """Return polyscope's policy for the backs of faces, which are hidden inside closed surfaces."""
+    """Return polyscope's policy for the backs of faces, which are not drawn if a mesh is closed."""
     return "cull" if mesh.is_closed and not mesh.is_inside_out else "identical"
 
 
 def edge_width(faces: int, scale: float) -> float:
-    """Return the width of edges of a wireframe, thinner where short edges would hide colours."""
+    """Return the width of wireframe edges on a mesh with a number of faces.
+
+    Edges are thinner if they are short on the screen, where they would hide the colours. ``scale``
+    is the number of pixels per sqrt(area).
+    """
     length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
     return _EDGE_WIDTH * min(
         max(round(length / _FULL_WIDTH_EDGE_PIXELS, 1), _EDGE_WIDTH_SHARE_MIN), 1.0
@@ -75,7 +82,7 @@ def edge_width(faces: int, scale: float) -> float:
 
 
 def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
-    """Set the width of edges, 0 for none, and flat or smooth shading of faces."""
+    """Set the width of a surface's edges (0 for none), and flat or smooth shading of its faces."""
     surface = ps.get_surface_mesh(name)
     surface.set_color(_PLAIN_COLORS[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
@@ -84,7 +91,7 @@ def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
 
 
 def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None) -> None:
-    """Show a paint on a surface; only the differences from the paint before are updated."""
+    """Show the colours of a paint on a surface; update only what differs from the earlier paint."""
     surface, kind = ps.get_surface_mesh(name), paint.kind
     if before is not None and before.kind == kind:
         same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
@@ -111,7 +118,7 @@ def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
 
 
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
-    """Show a paint as a quantity named after its kind.
+    """Show a paint on a surface, as a quantity of polyscope named after the kind of paint.
 
     ``square`` is the side of the squares of a checkerboard.
     """
@@ -147,7 +154,7 @@ class Camera:
 
     @property
     def height(self) -> float:
-        """Height of the visible region at the distance of the target."""
+        """Height of the region that the camera sees at the distance of its target."""
         distance = math.dist(self.position, self.target)
         return 2 * distance * math.tan(math.radians(self.angle / 2))
 
@@ -159,10 +166,11 @@ def fitted(
     angle: float = 18.0,
     margin: float = 0.04,
 ) -> Camera:
-    """Return the nearest camera that sees all vertices (V, 3).
+    """Return the nearest camera that sees all vertices (V, 3) from a front.
 
-    By default, the aspect is that of the vertices. The angle, in degrees, is so small that the
-    perspective hardly distorts shapes. The margin is a share of the surface.
+    ``aspect`` is width over height, by default that of the vertices. ``angle``, in degrees, is so
+    small that the perspective hardly distorts shapes. ``margin`` is relative to the size of the
+    surface.
     """
     x, y, z = front.axes @ vertices.T
     middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])

@@ -34,7 +34,11 @@ _CARD = (
 def _ended(
     ui: Ui, end: Callable[[], object], section: str = "", rect: Rect | None = None
 ) -> Iterator[None]:
-    """Record the widgets of the block in a section and an area, and call ``end`` after it."""
+    """Call ``end`` after the block, also if it raises an error.
+
+    The widgets of the block are recorded in the given section. They lie in the area ``rect``, by
+    default that of the current window.
+    """
     try:
         (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
         area = rect or (left, top, left + width, top + imgui.GetWindowHeight())
@@ -81,7 +85,10 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
 def card(
     ui: Ui, name: str, place: tuple[float, float, float], color: Color, highest: float
 ) -> Iterator[None]:
-    """Draw a window with a coloured edge, without focus, as high as its contents."""
+    """Draw a window with a coloured edge, without focus, as high as its contents.
+
+    ``place`` is its left side, top and width, and ``highest`` its maximum height, in pixels.
+    """
     left, top, width = place
     imgui.SetNextWindowPos((left, top))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
@@ -149,7 +156,7 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
 
 
 def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
-    """Draw tabs across the panel; return the label of the open one, at first the first."""
+    """Draw tabs across the panel; return the label of the open tab, initially the first one."""
     if ui.open_tab not in labels:
         ui.open_tab = labels[0]
     gap, colors = ui.px(2), ui.colors

@@ -55,7 +55,11 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
 def set_up(
     title: str, ends: tuple[float, float], shares: Sequence[FloatArray], inverted: bool = False
 ) -> None:
-    """Set up a horizontal axis and a logarithmic vertical axis for residuals, in percent."""
+    """Set up a horizontal axis with limits, and a logarithmic axis for residuals in percent.
+
+    ``shares`` are the residuals of all curves, as fractions. If ``inverted``, the horizontal axis
+    points to the left.
+    """
     low, high = _around(np.concatenate([positive(values) for values in shares]))
     across, up = implot.ImAxis_X1, implot.ImAxis_Y1
     flags = implot.ImPlotAxisFlags_Invert if inverted else implot.ImPlotAxisFlags_None
@@ -97,7 +101,7 @@ def _around(values: FloatArray) -> tuple[float, float]:
 
 
 def share_ticks(low: float, high: float) -> list[float]:
-    """Return round ticks between two shares, at least three if possible."""
+    """Return round fractions from ``low`` to ``high`` for ticks, at least three if possible."""
     ticks: list[float] = []
     for mantissas in _MANTISSAS:
         decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
@@ -109,7 +113,7 @@ def share_ticks(low: float, high: float) -> list[float]:
 
 
 def positive(values: FloatArray) -> FloatArray:
-    """Return values for a logarithmic axis; those that it cannot show become NaN."""
+    """Return values with NaN in place of those that a logarithmic axis cannot show."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
 
 

@@ -35,7 +35,7 @@ _BOX_WIDTH = 76  # of the box next to a slider
 
 
 class Auto(NamedTuple):
-    """Checkbox next to a number that the solver can choose automatically."""
+    """Checkbox next to a number, for a choice of this number by the solver."""
 
     first: float  # value after the checkbox is cleared
     tip: str
@@ -48,7 +48,10 @@ class _WidgetRow(NamedTuple):
 
 
 class Refusals:
-    """Refused values of widgets, by `WidgetRecord.path`; a refused text stays in its box."""
+    """Reasons why new values of widgets were refused, by `WidgetRecord.path`.
+
+    A refused text stays in its box.
+    """
 
     def __init__(self, record: WidgetRecord) -> None:
         self.reasons: dict[str, str] = {}
@@ -83,7 +86,10 @@ class Refusals:
             self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
 
     def accept_after(self, *values: object) -> None:
-        """Remove all refusals if one of the values changed, as the user has then corrected them."""
+        """Remove all refusals if one of the values differs from that of the previous call.
+
+        The user has then made a change that was accepted.
+        """
         if list(map(id, values)) != list(map(id, self._accepted)):
             for key in self.reasons:
                 self.texts.pop(key, None)
@@ -131,7 +137,7 @@ class Ui:
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Draw the widgets of the block as disabled; behind a dialog they are paler."""
+        """Draw the widgets of the block as disabled if ``condition``; behind a dialog, paler."""
         style = imgui.GetStyle()
         paler = condition and not self.record.enabled
         alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
@@ -210,7 +216,7 @@ class Ui:
             self.same_line()
 
     def remaining_width(self, label: str) -> float:
-        """Return the width that remains next to a button at the right end of the line."""
+        """Return the width that remains on a line whose right end is a button with this label."""
         style = imgui.GetStyle()
         button = self.text_width(label) + 2 * style.FramePadding[0]
         return float(imgui.GetContentRegionAvail()[0] - style.ItemSpacing[0] - button)
@@ -248,7 +254,7 @@ class Ui:
         imgui.EndTooltip()
 
     def refusal(self, name: str, otherwise: str = "") -> None:
-        """Write the reason why the new value of a widget was refused, or another error."""
+        """Write why the new value of a widget was refused, or else the text ``otherwise``."""
         if reason := self.refusals.reasons.get(self.record.path(name), "") or otherwise:
             self.note(reason, "failure")
 
@@ -267,7 +273,7 @@ class Ui:
     ) -> bool:
         """Draw a button; return whether it was pressed.
 
-        A negative width leaves space at its right.
+        A negative width leaves that much space at the right of the button.
         """
         text, name = _text_and_name(label)
         room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
@@ -399,7 +405,7 @@ class Ui:
     def _slider_and_box(
         self, label: str, row: _WidgetRow, value: float, ends: Range, tip: str
     ) -> float | str | None:
-        """Draw slider, box and caption; return a number from the slider, or a typed text."""
+        """Draw slider, box and caption; return a number from the slider, a typed text, or None."""
         text, name = _text_and_name(label)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         box = min(self.px(_BOX_WIDTH), row.width / 2)
@@ -416,7 +422,10 @@ class Ui:
         return slid if typed is None else typed
 
     def _understood(self, key: str, new: float | str | None) -> float | None:
-        """Return a number from the slider or from a typed text; refuse other texts."""
+        """Return the number that the user selected or typed; None if nothing changed.
+
+        A text that is not a number is refused, and the reason is written below the widget.
+        """
         number = finite(new) if isinstance(new, str) else new
         if isinstance(new, str) and number is None:
             self.refusals.refuse(key, f"{new!r} is not a number")
@@ -514,7 +523,10 @@ class Ui:
     def _finish(
         self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
     ) -> None:
-        """Record the previous widget, of whose label ``shown`` is visible, and add a tooltip."""
+        """Record the previous widget, and add its tooltip.
+
+        ``shown`` is the visible part of its label, if the label is abbreviated.
+        """
         shown = shown or label
         tip = _in_full(label, shown, tip)
         self.record_item(label, kind, tip=tip, shown=shown, **details)
@@ -533,7 +545,10 @@ class Ui:
         return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
 
     def halves(self, left: str, right: str) -> tuple[float, float]:
-        """Return the widths of two captioned widgets that fill a line; 0 in a narrow panel."""
+        """Return the widths of two widgets that fill a line together with their captions.
+
+        Both are 0 if the panel is too narrow for two widgets.
+        """
         room, gap = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemInnerSpacing[0]
         if room < self.px(_PAIR_PANEL_MIN):
             return 0.0, 0.0
@@ -543,7 +558,7 @@ class Ui:
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
         """Return the widths of the next widget and its caption.
 
-        A caption above the widget, which is drawn immediately, has width 0.
+        In a narrow panel, the caption is drawn immediately above the widget, and its width is 0.
         """
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
@@ -580,7 +595,10 @@ def pushed(
 
 
 def close_by_escape() -> None:
-    """Close the open menu or list by Escape, as ImGui does it only with keyboard navigation."""
+    """Close the open menu or list if the user presses Escape.
+
+    ImGui itself does this only with keyboard navigation.
+    """
     if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
         imgui.CloseCurrentPopup()
 

@@ -55,7 +55,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Widget:
-    """A widget as it was drawn in the latest frame."""
+    """A widget with its position and state in the latest frame."""
 
     label: str  # text that the user reads
     kind: WidgetKind
@@ -134,7 +134,10 @@ class WidgetRecord:
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write every third frame's widgets as JSON to ``ABFM_WIDGETS``, for programs with a mouse."""
+    """Write the widgets of every third frame as JSON to the file named by ``ABFM_WIDGETS``.
+
+    Programs that operate the window with a mouse read this file.
+    """
     name = os.environ.get("ABFM_WIDGETS")
     if name and frame % 3 == 0:
         temporary = Path(f"{name}.part")

@@ -87,7 +87,7 @@ def axis_front(axis: str) -> Front:
 
 
 def unsaved_work(session: Session) -> str:
-    """Return the question before closing: the unsaved work in each document."""
+    """Return a text about the unsaved work in each document, for the question before closing."""
     texts, running = [], session.solver.running
     if running:
         name = session.document.name
@@ -247,7 +247,10 @@ class Actions:
     def _save(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
-        """Save a document, by default the current one, in its file, or choose a file first."""
+        """Save a document, by default the current one; without a file, the user first chooses one.
+
+        ``then`` is called after the document is saved.
+        """
         document = document or self._session.document
         origin = self._session.saves.origin(document)
         is_present = document.identity is self._session.document.identity

@@ -51,7 +51,10 @@ class Mouse:
         return is_dragging or time.perf_counter() < self._wheel_until
 
     def update(self, session: Session, scene: Scene, rect: Rect, free: bool) -> None:
-        """Do the actions of the mouse in this frame, if it is ``free`` for the surfaces."""
+        """Do the actions of the mouse over the surfaces in this frame.
+
+        ``free`` is false if the mouse cannot be used for surfaces, for example below a dialog.
+        """
         io = imgui.GetIO()
         x, y = place = tuple(io.MousePos)
         inside = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
@@ -132,7 +135,7 @@ class Mouse:
             active_gaussian.widen(session, side, notches, f"wheel {side}")
 
     def _drag_landmark(self, session: Session, scene: Scene, place: Place, over: bool) -> bool:
-        """Move a landmark along its surface; return whether the mouse is on or moves one."""
+        """Move a landmark along its surface; return whether the mouse is over or moves one."""
         if self._dragged is None:
             is_busy = self._turned is not None or self._moves or imgui.GetIO().MouseWheel
             if not over or is_busy or any(map(imgui.IsMouseDown, _MOVING_BUTTONS)):
@@ -158,7 +161,7 @@ class Mouse:
         return True
 
     def _place_point(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Place a landmark or a point at a left click, according to the tab Look."""
+        """Place a landmark or a point at a left click, as chosen in the tab Look."""
         if imgui.IsMouseClicked(0):
             places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
             self._pressed_at = place if places else None

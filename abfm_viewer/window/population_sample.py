@@ -62,7 +62,7 @@ def fields(mesh: TriangleMesh, count: int) -> FloatArray:
 
 
 def made_in_subprocess(folder: Path) -> Path:
-    """Return the folder of the population, which is first computed if it does not exist."""
+    """Return the folder of the sample population; if it is missing, compute it in a subprocess."""
     if (folder / NAME).is_file():
         return folder
     with closing(Worker(no_state, _ENDED_MESSAGE)) as worker:

@@ -1,4 +1,4 @@
-"""Preferences and copies of unsaved work in the state folder, also of launches that crashed."""
+"""Preferences, and copies of unsaved work, in the state folder; also copies of crashed launches."""
 
 import itertools
 import time
@@ -62,7 +62,7 @@ class Preferences:
 
 
 class Recoveries:
-    """Copies of unsaved documents, and the question whether to open those of earlier launches.
+    """Copies of unsaved documents, and the question whether to open copies of earlier launches.
 
     The copy of the current document contains the best field of a run in progress.
     """
@@ -141,7 +141,7 @@ class Recoveries:
     def _content_of_run(
         self, document: Document, snapshot: Snapshot, functions: Evaluators
     ) -> Content:
-        """Return the document, with the best field so far as its result, and function values."""
+        """Return a document with the best field of its run as result, and its function values."""
         try:
             found, run = self._session.matching.unfinished(snapshot, functions)
         except AbfmError:  # the run has just ended; its result is copied in the next frame

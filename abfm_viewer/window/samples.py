@@ -111,7 +111,7 @@ def _population(folder: Path) -> Path:
 
 
 class SampleTextures:
-    """Texture with all thumbnails, loaded when needed; polyscope may remove it."""
+    """Texture with the thumbnails of all samples; loaded again if polyscope has removed it."""
 
     def __init__(self) -> None:
         self._buffer: Any = None

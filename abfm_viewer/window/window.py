@@ -81,7 +81,10 @@ class Areas:
 def areas(
     size: tuple[float, float], menu_height: float, scale: float, has_table: bool = False
 ) -> Areas:
-    """Return the areas of a window: panel at the right; table, time bar and status line below."""
+    """Return the areas of a window: a panel at the right; below, table, time bar and status line.
+
+    ``scale`` is the scale of the window; all other lengths are in pixels.
+    """
     width, height = size
     right = max(width - min(_PANEL_WIDTH * scale, _PANEL_WIDTH_SHARE_MAX * width), 1.0)
     status = height - _STATUS_HEIGHT * scale
@@ -218,8 +221,9 @@ class Window(Context):
     def frame(self) -> None:
         """Draw one frame, and then sleep so that other threads can work.
 
-        polyscope holds the interpreter while it draws: without a graphics card, nearly always.
-        While a file is loaded or functions are evaluated, the sleep is as long as the drawing.
+        polyscope blocks other threads while it draws; without a graphics card it draws nearly
+        always. While a file is loaded or functions are evaluated, the sleep is as long as the
+        drawing.
         """
         start = time.perf_counter()
         self.tick()
@@ -338,7 +342,11 @@ class Window(Context):
             self.preferences.update()
 
     def _moves(self) -> bool:
-        """Return whether the user or the session changed anything since the latest frame."""
+        """Return whether this frame may differ from the previous one.
+
+        This is so after changes of the document, during input of the user, and while work is in
+        progress.
+        """
         session, io = self.session, imgui.GetIO()
         changed = session.document is not self._document
         self._document = session.document
@@ -352,7 +360,7 @@ class Window(Context):
             self._once("drop", self.files.open_dropped, [Path(file) for file in files])
 
     def _once(self, part: str, do: Callable[..., None], *given: object) -> None:
-        """Call a function between frames; an error is only shown in the status line."""
+        """Call a function between frames; an error of it is shown once in the status line."""
         self.guarded(part, do, *given)
         self.errors.pop(part, None)
 
