@@ -1,4 +1,4 @@
-"""Functions on vertices: conversion to channels (C, V), and harmonic extension."""
+"""Functions on vertices: conversion to channels (C, V), and interpolation of missing values."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,10 +24,11 @@ def at_vertices(
 ) -> FloatArray:
     """Return user values at vertices as real numbers, in the same shape.
 
-    The rows of pandas objects are placed at vertices by their index, or by a column called vertex,
-    node or index. An index 0, 1, 2, ... changes nothing. Vertices without a row become NaN. Columns
-    of Polars and Arrow and coordinates of xarray work in the same way. An ``error`` is raised if
-    the values are not real numbers, or if vertices are repeated or not on the mesh.
+    The rows of pandas objects are assigned to vertices by their index, or by a column called
+    vertex, node or index. An index 0, 1, 2, ... keeps the order of the rows. Vertices without a row
+    become NaN. Columns of Polars and Arrow and coordinates of xarray work in the same way. An
+    ``error`` is raised if the values are not real numbers, or if vertices are repeated or not on
+    the mesh.
     """
     values = with_index(values)
     if not (has(values, "iloc", "index", "to_numpy") or has(values, "columns", "to_numpy")):
@@ -41,9 +42,9 @@ def at_vertices(
 def with_checked_shape(
     mesh: TriangleMesh, values: FloatArray, name: str, error: type[AbfmError] = FunctionError
 ) -> FloatArray:
-    """Return values unchanged; raise an ``error`` unless they are (V,) or (V, C), and not empty.
+    """Return the values if their shape is (V,) or (V, C) and not empty; else raise an ``error``.
 
-    V is the number of vertices of the mesh or of its file.
+    V is the number of vertices of the mesh, or that of its file.
     """
     if values.ndim in (1, 2) and values.size and len(values) in counts_of(mesh):
         return values
@@ -108,24 +109,33 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
 
 
 def constant_part(f: FloatArray) -> float:
-    """Return the middle of the range of values (V,), or 0 if the range is more than 1% of it."""
+    """Return the constant that nearly constant values (V,) have in common; 0 for other values.
+
+    It is the midpoint of their range, if the range is less than 1% of the midpoint.
+    """
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
     return middle if high - low < _RANGE_SHARE_MIN * abs(middle) else 0.0
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return values (V,) extended so that each unknown vertex has the mean of its neighbours."""
+    """Return values (V,) in which each vertex that is not ``known`` has the mean of its neighbours.
+
+    ``known`` (V,) is True at the vertices whose values are preserved.
+    """
     return extension(mesh, known)(values)
 
 
 def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Return `extend` of functions (C, V) that are known at the same vertices."""
+    """Apply `extend` to functions (C, V) that are known at the same vertices."""
     return np.stack(list(map(extension(mesh, known), functions)))
 
 
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
-    """Return a function like `extend`, for many functions that are known at the same vertices."""
+    """Return the function ``values -> extend(mesh, values, known)``.
+
+    The linear system is factored only once, so that repeated calls are fast.
+    """
     if known.all():
         return lambda values: values
     joined = adjacency(mesh)

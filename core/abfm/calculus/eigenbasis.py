@@ -23,12 +23,14 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     Return read-only eigenvalues (k,), ascending, and eigenfunctions (V, k). L is the cotangent
     Laplacian (natural, that is Neumann, condition on a boundary), M the lumped mass. Eigenvalues
     are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in ``sum_i M_ii phi_i psi_i``.
-    The sign makes the integral of ``phi^3`` positive. Where that vanishes (by a symmetry), the
-    first vertex with at least half of the largest absolute value is positive.
+    The sign of an eigenfunction makes the integral of ``phi^3`` positive. If that integral vanishes
+    (by a symmetry), consider the first vertex with at least half of the largest absolute value: phi
+    is positive there.
 
     The same mesh gives the same bits, independent of earlier computations. Pairs are computed and
-    cached in blocks of 32, 64, 128, 256, 384, ...; k selects from the smallest block that contains
-    it. For repeated eigenvalues, the basis is arbitrary and may differ between blocks.
+    cached in blocks of the first 32, 64, 128, 256, 384, ... pairs; k selects the smallest
+    sufficient block. For repeated eigenvalues, the basis is arbitrary and may differ between
+    blocks.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])
@@ -79,7 +81,11 @@ def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
 def lanczos(
     operator: Any, count: int, error: type[AbfmError], what: str, **options: Any
 ) -> tuple[FloatArray, FloatArray]:
-    """Return eigenpairs by `eigsh` from a fixed start vector, or raise ``error`` about ``what``."""
+    """Return ``count`` eigenvalues and eigenvectors of an operator, computed by SciPy's `eigsh`.
+
+    The start vector is fixed, so that results are reproducible; ``options`` are those of `eigsh`.
+    If the iteration does not converge, an ``error`` is raised whose message begins with ``what``.
+    """
     start = np.sin(np.arange(1.0, operator.shape[0] + 1))
     try:
         values, vectors = eigsh(operator, k=count, v0=start, rng=0, **options)

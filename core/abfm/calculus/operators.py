@@ -33,7 +33,7 @@ class FaceShapes(NamedTuple):
 
 
 class NormShapes(NamedTuple):
-    """Areas and gradients of the hat functions, for a norm of fields."""
+    """Areas and gradients of the hat functions, as used in a norm of tangent fields."""
 
     areas: FloatArray  # (F,)
     edge_areas: FloatArray  # (E,)
@@ -83,7 +83,10 @@ def edge_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 def _thirds(owners: IntArray, areas: FloatArray, count: int) -> FloatArray:
-    """Add a third of each face's area to each of its owners (F, 3); return sums (count,)."""
+    """Return sums (count,) of face areas: each face adds a third to each of its owners (F, 3).
+
+    The owners of a face are its vertices or its edges.
+    """
     found = np.bincount(owners.ravel(), np.repeat(areas / 3, 3), minlength=count)
     return np.asarray(found, dtype=np.float64)
 
@@ -105,7 +108,10 @@ def adjacency(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_graph(mesh: TriangleMesh) -> Matrix:
-    """Return a matrix (V, V) with the length of each edge from its first to its second vertex."""
+    """Return a matrix (V, V) with the length of each edge, in one direction only.
+
+    The row is the first vertex of the edge, and the column the second one.
+    """
     shape = (len(mesh.vertices),) * 2
     return Matrix((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
 
@@ -133,7 +139,10 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
 
 
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
-    """Return the matrix with ``values[f, c, k]`` in row ``2 f + k``, column ``columns[f, c]``."""
+    """Return the matrix (2F, width) with ``values[f, c, k]`` at row ``2 f + k``.
+
+    The column of this entry is ``columns[f, c]``.
+    """
     height = 2 * len(mesh.faces)
     rows = np.broadcast_to(np.arange(height).reshape(-1, 1, 2), values.shape)
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())
@@ -213,10 +222,11 @@ def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` with rows and columns of the owners (F, 3).
+    """Return the matrix (count, count) of the form ``sum_f w_f <grad phi_a, grad phi_b>``.
 
-    The owners of the corners are vertices. With edges as owners, it is a quarter of the form on
-    edge functions.
+    ``phi_a`` is the hat function of corner a of a face. ``owners[f, a]`` is the row and column of
+    this corner, usually its vertex. If it is the edge opposite the corner, the matrix is a quarter
+    of the form on edge functions.
     """
     entries = np.empty((len(owners), 3, 3))
     stiffnesses(gradients, weights, entries)
@@ -243,8 +253,8 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return ``G_F Delta_H``, the symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
     The quadratic form is the squared norm of the divergence at edges plus that of the curl at inner
-    vertices. With both at vertices, half of all fields are in the kernel. With both at edges, the
-    spectrum is wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
+    vertices. If both were at vertices, half of all fields would be in the kernel. If both were at
+    edges, the spectrum would be wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)
@@ -314,7 +324,10 @@ def shapes(vertices: FloatArray, faces: IndexArray, found: FaceShapes) -> None:
 
 @kernel
 def stiffnesses(gradients: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """Compute weighted products of the gradients of each face's three hat functions, (F, 3, 3)."""
+    """Write products of the gradients of each face's three hat functions to ``out`` (F, 3, 3).
+
+    The products of face f are multiplied by ``weights[f]``.
+    """
     for f in range(weights.size):
         g = gradients[f]
         for a in range(3):

@@ -1,4 +1,4 @@
-"""The threshold of the fast speeds of a field."""
+"""The speed above which a part of a field counts as fast."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ _FAST_NORM_SHARE = 0.4  # share of the squared norm on the faces that count as f
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
     """Return the speed above which speeds (F,) count as fast; 0 if all are 0.
 
-    The faster faces have 40% of the squared norm of the field, wherever they are on the surface.
-    Outliers, which occur on slivers, count as the next lower speed.
+    The faces with higher speeds contribute 40% of the squared L2 norm of the field, wherever they
+    are on the surface. Outliers, which occur on slivers, are first reduced to the next lower speed.
     """
     descending = np.argsort(-speed, kind="stable")
     areas = face_areas(mesh)[descending] / mesh.length_scale**2

@@ -85,7 +85,11 @@ def dual_directional_derivative(mesh: TriangleMesh, f: FloatArray) -> Matrix:
 
 
 def face_directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
-    """Return ``[v]^T grad I_F^V``, (F, F): average face values, then differentiate (section 6)."""
+    """Return ``[v]^T grad I_F^V``, the derivative of face values along ``v``, (F, F) (section 6).
+
+    Face values are first averaged at vertices, then differentiated. ``v`` (F, 2) holds frame
+    coefficients.
+    """
     return Matrix(pointwise_inner(v) @ gradient(mesh) @ averaging(mesh))
 
 
@@ -161,10 +165,13 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
     """Split a field (F, 3) of any unit into a gradient, a rotated gradient and a harmonic field.
 
     The parts are orthogonal in L2 and sum to ``v``, both up to rounding; a normal part is dropped.
-    On a boundary the gradient takes all flux through it, and the other two are tangent to the
-    boundary. The first part is the gradient, face by face, of an edge (Crouzeix-Raviart) function.
-    The second is the gradient of a vertex function that vanishes on the boundary, rotated by 90
-    degrees. The remainder is harmonic; its dimension is the number of independent loops.
+    All flux of the field through a boundary belongs to the gradient, and the other two parts are
+    tangent to the boundary.
+
+    The first part is the gradient, face by face, of an edge (Crouzeix-Raviart) function. The second
+    is the gradient of a vertex function that vanishes on the boundary, rotated by 90 degrees. The
+    remainder is harmonic. The dimension of the space of harmonic fields is the number of
+    independent loops.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))
@@ -177,7 +184,11 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 
 @per_mesh
 def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
-    """Return ``G_F``-orthogonal projections of coefficients (2F,) onto both gradients' ranges."""
+    """Return the two projections of coefficients (2F,) onto gradients and onto rotated gradients.
+
+    The gradients are the ranges of both matrices of `hodge_gradients`. The projections are
+    orthogonal in the inner product of ``G_F``.
+    """
     edges, vertices = hodge_gradients(mesh)
     # a pinched vertex does not connect the edges of its parts
     first_faces = np.unique(mesh.parts, return_index=True)[1]
@@ -187,7 +198,11 @@ def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
 
 
 def _onto_range(gradient: Matrix, mass: Matrix, grounded: IntArray) -> Projection:
-    """Return the projection onto the range of a gradient; ``grounded`` unknowns fix its kernel."""
+    """Return the projection onto the range of a gradient matrix, orthogonal in ``mass``.
+
+    The ``grounded`` unknowns (columns of the matrix) are fixed to 0, which makes the solution
+    unique.
+    """
     free = np.setdiff1d(np.arange(gradient.shape[1]), grounded)
     basis = Matrix(gradient[:, free])
     solve = factor(Matrix(basis.T @ mass @ basis))
@@ -275,7 +290,10 @@ def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
 
 
 def _lowest(operator: Matrix, known: FloatArray, count: int) -> FloatArray:
-    """Return the lowest eigenvectors orthogonal to ``known``, (n, count), by inverse iteration."""
+    """Return the eigenvectors (n, count) with the lowest eigenvalues, orthogonal to ``known`` (n,).
+
+    The method is inverse iteration.
+    """
     size = len(known)
     solve = factor(Matrix(operator + sparse.eye_array(size)))
     of_known = solve(known)

@@ -38,7 +38,10 @@ def check(
     options: MeshOptions,
     file_numbers: FileNumbers | tuple[IntArray, int] | None,
 ) -> Draft:
-    """Check and repair a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
+    """Check and repair a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules.
+
+    ``file_numbers`` are the numbers of the vertices in the file; None if they are 0, 1, 2, ...
+    """
     meaning = "(V, 3) with numbers as coordinates"
     points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
     triangles = _face_array(faces, len(points))
@@ -105,9 +108,10 @@ def _copied(draft: Draft) -> Draft:
 
 
 def _merged(draft: Draft) -> Draft | None:
-    """Return a copy whose vertices at the same position are merged; None if nothing is merged.
+    """Return a copy in which vertices at the same position are merged; None if there are none.
 
-    If all components lie at the same place, as two hemispheres' spheres do, nothing is merged.
+    The result is also None if merging would take too long. The same holds if all components lie at
+    the same place, as the spheres of two hemispheres do.
     """
     found = _copied(draft)
     try:
@@ -153,7 +157,10 @@ def _checked(draft: Draft) -> Draft:
 
 
 def _warn_of_seams(draft: Draft) -> None:
-    """Warn if boundary vertices coincide: the surface looks connected there, but is not."""
+    """Warn if boundary vertices have the same position.
+
+    The surface looks connected there, but is not.
+    """
     slots = draft.edge_slots[draft.edge_slots[:, 1] < 0, 0]
     rim = np.unique(draft.faces.ravel()[topology.next_corner(slots)])
     _, first = np.unique(draft.vertices[rim], axis=0, return_index=True)
@@ -185,7 +192,10 @@ def _refuse_several_components(draft: Draft) -> None:
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
-    """Return an array with rows of three real numbers, or raise a MeshError."""
+    """Return an array with rows of three real numbers, or raise a MeshError.
+
+    The message calls the array ``name``, and describes the expected shape by ``meaning``.
+    """
     try:
         array = plain_array(rows)
     except (TypeError, RuntimeError) as error:
@@ -359,7 +369,12 @@ def _orient_consistently(draft: Draft) -> None:
 
 
 def _prefers_other_side(draft: Draft, flip: BoolArray, piece: IntArray) -> BoolArray:
-    """Return for each label of a piece whether its flips have to be reversed."""
+    """Return for each piece of the surface whether its orientation must be reversed.
+
+    ``piece`` (F,) is the label of the piece of each face. ``flip`` (F,) are the faces whose
+    reversal makes the orientation of each piece consistent. A piece with a boundary is reversed if
+    most of its faces are in ``flip``. A closed piece is reversed if its normals would point inward.
+    """
     a, b, c = np.moveaxis((draft.vertices - draft.vertices.mean(axis=0))[draft.faces], 1, 0)
     volume = np.einsum("fx,fx->f", a, np.cross(b, c)) * np.where(flip, -1, 1)
     inward = np.bincount(piece, volume) < 0

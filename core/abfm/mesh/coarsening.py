@@ -3,7 +3,8 @@
 A surface with a boundary is closed by faces to a vertex at infinity. `twins` connects the faces: it
 is the slot (see `topology`) on the other side of the edge opposite each corner. An edge may
 collapse only if the two corners opposite to it are the only common neighbours of its ends. This
-preserves the topology. Edges with an infinite key never collapse.
+preserves the topology. The key of an edge is its squared length, or infinite if it must not
+collapse.
 
 ``igl.decimate`` depends on the order of edges of equal length and takes twice as long. It also
 holds the GIL all the time, so that a window would freeze.
@@ -28,8 +29,8 @@ _VERTICES_RATIO_MAX = 1.25
 def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     """Return a mesh of about ``vertex_count`` vertices near the surface, or None if impossible.
 
-    The shortest edge collapses first, so that slivers disappear early and the triangles of the
-    result are much more even than those of the input. The topology is preserved. The result is
+    The shortest edge collapses first, so that slivers disappear early. The triangles of the result
+    are therefore much more even than those of the input. The topology is preserved. The result is
     cached for each mesh and count.
     """
     count = len(mesh.vertices)
@@ -58,7 +59,11 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
 
 
 def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the vertex, twin and edge of every slot (3 F,), including the faces to infinity."""
+    """Return arrays with the vertex, the twin and the edge of every slot, (3 F',) each.
+
+    The F' faces are those of the mesh, and the faces between boundary edges and the vertex at
+    infinity.
+    """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     outer = mesh.edge_slots[mesh.is_boundary_edge, 0]
     corners, size = mesh.faces.ravel(), mesh.faces.size
@@ -106,7 +111,8 @@ def _collapse_edges(
 ) -> None:
     """Collapse edges until at most ``target`` of the first ``finite`` faces remain.
 
-    ``order`` (E,) has the edges by ascending ``keys``. The surface and the keys are overwritten.
+    The faces after these are the ones at infinity. ``order`` (E,) are the edges by ascending
+    ``keys``. The surface and the keys are overwritten.
     """
     faces, twins, edges, fixed = surface.faces, surface.twins, surface.edges, surface.fixed
     queue = _Queue(order.copy(), np.empty_like(order), keys)
@@ -154,7 +160,7 @@ def next_slot(slot: int) -> int:
 
 @unfused_kernel
 def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
-    """Write the corners around the vertex of corner ``first`` to ``star``; return their number."""
+    """Write the corners at the vertex of the corner ``first`` to ``star``; return their count."""
     # a generator would be more readable, but Numba cannot cache functions that call one
     count, corner = 0, first
     while count == 0 or corner != first:
@@ -168,7 +174,10 @@ def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
 def _may_collapse(
     surface: _Surface, slot: int, star: IndexArray, seen: IndexArray, attempt: int
 ) -> bool:
-    """Return whether the ends of an edge have exactly two common neighbours."""
+    """Return whether the ends of the edge of a slot have exactly two common neighbours.
+
+    ``star`` and ``seen`` are work arrays. ``attempt`` is a number that no earlier call used.
+    """
     faces, twins = surface.faces, surface.twins
     for corner in star[: fill_star(star, twins, next_slot(slot))]:
         seen[faces[next_slot(corner)]] = attempt
@@ -182,7 +191,10 @@ def _may_collapse(
 def _collapse(
     surface: _Surface, places: _Places, queue: _Queue, slot: int, star: IndexArray
 ) -> int:
-    """Collapse an edge; return the end that moves to its middle and gets the faces of the other."""
+    """Collapse the edge of a slot to its midpoint, and return the end that remains.
+
+    The remaining vertex also gets the faces of the removed one.
+    """
     points, faces, twins, edges = surface.points, surface.faces, surface.twins, surface.edges
     u: int = faces[next_slot(slot)]
     v = faces[next_slot(next_slot(slot))]
@@ -206,7 +218,7 @@ def _collapse(
 
 @kernel
 def _rekey(queue: _Queue, edge: int, key: float) -> None:
-    """Change the key of an edge and restore the order of the heap."""
+    """Change the key of an edge in the queue, and restore the order of the heap."""
     heap, place, keys = queue.heap, queue.place, queue.keys
     before = keys[edge]
     keys[edge] = key

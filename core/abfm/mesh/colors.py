@@ -46,9 +46,10 @@ def load_colors(
 ) -> SurfaceColors:
     """Read the texture or the vertex colours of a surface from a file (obj, glb, gltf, ply).
 
-    The vertices of the file may have another order, and may repeat at the seams of a texture. Faces
-    are found by the positions of their corners, or else, if the surface was moved, by their vertex
-    numbers. The file may have further faces. ``image`` replaces the image that the file refers to.
+    The vertices of the file may have another order, and may repeat at the seams of a texture. The
+    faces of the surface are identified in the file by the positions of their corners. If the
+    surface was moved, they are identified by their vertex numbers. The file may have further faces.
+    ``image`` replaces the image that the file refers to.
 
     MeshError if the file cannot be read, belongs to another surface, or has no colours.
     """
@@ -74,7 +75,10 @@ def _bytes_of(image: str | os.PathLike[str]) -> bytes:
 
 
 def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceColors:
-    """Return the colours of some faces (rows) of the file at their ``corners`` (n, 3)."""
+    """Return the colours of n faces of a file, given by their indices ``rows`` (n,).
+
+    ``corners`` (n, 3) is the order in which the corners of each face are returned.
+    """
     used, owners = np.unique(found.owners[rows], return_inverse=True)
     materials = tuple(found.materials[k] for k in used)
     places, colors = (part[rows[:, None], corners] for part in (found.coordinates, found.colors))
@@ -96,7 +100,11 @@ def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceC
 
 
 def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArray]:
-    """Return the face of the file for each face of the surface, (F,), and its corners, (F, 3)."""
+    """Return the face of the file for each face of the surface, (F,), and the order of its corners.
+
+    The order (F, 3) has the corner of the file for each corner of the surface. MeshError if a face
+    is not in the file.
+    """
     if not np.isfinite(found.vertices).all():
         raise MeshError("the file has coordinates that are not finite. Correct them")
     places, place_of_vertex = np.unique(mesh.vertices, axis=0, return_inverse=True)
@@ -120,7 +128,10 @@ def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArra
 
 
 def _equal_faces(faces: IntArray, others: IntArray) -> IntArray:
-    """Return for each face (n, 3) the first of the others with the same corners, or -1."""
+    """Return for each face the index of the first of the ``others`` with the same corners, or -1.
+
+    The corners may be in any order.
+    """
     both = np.sort(np.concatenate([faces, others]), axis=1)
     _, groups = np.unique(both, axis=0, return_inverse=True)
     first = np.full(int(groups.max()) + 1, -1)

@@ -13,7 +13,7 @@ NO_COPIES = np.zeros((0, 2), dtype=np.int64)
 
 
 class FileNumbers(NamedTuple):
-    """Numbers of the vertices (V,) of a mesh in its file, see `TriangleMesh`."""
+    """Vertex numbers of a mesh in the file that it is read from, see `TriangleMesh`."""
 
     vertex_ids: IntArray
     file_vertex_count: int
@@ -76,5 +76,5 @@ class Draft:
         return np.asarray((a == b) | (b == c) | (c == a))
 
     def corners(self, face: int | np.integer[Any]) -> str:
-        """Return the vertices of a face as text, numbered as in the input."""
+        """Return a text with the vertices of a face, numbered as in the input."""
         return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])

@@ -193,7 +193,10 @@ def _of_object(source: object, hemisphere: str | None) -> FileContents:
 
 
 def _missing_file(path: str | os.PathLike[str]) -> str:
-    """Return the message of a missing file, with the path of a bundled file of this name."""
+    """Return the message about a missing file.
+
+    If the package contains a file of the same name, the message has the path of that file.
+    """
     name = os.path.basename(path)
     if name not in asset_names():
         return "the file does not exist"
@@ -205,8 +208,8 @@ def read_contents(
 ) -> Contents:
     """Return the contents of a file; convert every error of a reader to a MeshError.
 
-    ``readers`` has the reader of each supported format. Messages use ``expected``, the expected
-    kind of file, such as "mesh".
+    ``readers`` has the reader of each supported format. Messages describe the expected kind of file
+    by ``expected``, such as "mesh".
     """
     opened = None
     try:

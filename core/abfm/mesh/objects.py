@@ -34,7 +34,10 @@ _DRAWN_KINDS = ("vertex", "line", "line3", "polyline")
 
 
 def has(source: Any, *names: str) -> bool:
-    """Return whether an object has all of these attributes, whatever errors it raises."""
+    """Return whether an object, not a class, has attributes of all these names.
+
+    Objects that raise an error when they are accessed do not have them.
+    """
     try:
         return not isinstance(source, type) and all(hasattr(source, name) for name in names)
     except Exception:
@@ -42,7 +45,10 @@ def has(source: Any, *names: str) -> bool:
 
 
 def contents_of(source: Any, hemisphere: str = "") -> FileContents:
-    """Return the vertices and faces of an object, in its order, or raise a ValueError."""
+    """Return the vertices and faces of an object, in the order of the object.
+
+    ``hemisphere`` chooses the part of a nilearn object. ValueError if the object is not a mesh.
+    """
     if isinstance(source, tuple | list):
         if len(source) != 2:
             raise ValueError(
@@ -65,7 +71,7 @@ def contents_of(source: Any, hemisphere: str = "") -> FileContents:
 
 
 def parts_of(source: Any) -> Mapping[str, Any] | None:
-    """Return the parts of the mesh of a SurfaceImage or PolyMesh; None for other objects."""
+    """Return the parts of a nilearn ``SurfaceImage`` or ``PolyMesh``; None for other objects."""
     mesh = source.mesh if has(source, "mesh", "data") else source
     return mesh.parts if has(mesh, "parts") else None
 
@@ -99,7 +105,10 @@ def _of_poly_data(source: Any) -> FileContents:
 
 
 def _of_grid(source: Any) -> FileContents:
-    """Read the polygons of a PyVista ``UnstructuredGrid``, whose surface has another order."""
+    """Read the polygons of a PyVista ``UnstructuredGrid``.
+
+    The surface that PyVista extracts from a grid is not used, as its vertices have another order.
+    """
     types = np.asarray(source.celltypes).astype(np.int64)
     sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)
     return _split(source.points, [sizes], [corners])

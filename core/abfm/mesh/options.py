@@ -30,7 +30,7 @@ def read_flag(text: str) -> bool:
 
 
 def read_merge(text: str) -> bool | float:
-    """Convert text to a merging distance; True for "auto" or "yes", False for "no"."""
+    """Convert text to a merging distance, or to True ("auto", "yes") or False ("no")."""
     if text.lower() in ("auto", "yes", "true"):
         return True
     if text.lower() in ("no", "false"):
@@ -107,7 +107,7 @@ class MeshOptions:
 
     @property
     def changed(self) -> Mapping[str, Any]:
-        """The options that differ from the defaults, by name."""
+        """The options that differ from the defaults, as a mapping from names to values."""
         values = ((each.name, getattr(self, each.name)) for each in fields(self))
         return {name: value for name, value in values if value}
 

@@ -147,7 +147,10 @@ def gourd_radius(polar: FloatArray) -> FloatArray:
 
 
 def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
-    """Return a flat body with a thick arm upwards and two thin arms downwards, and their tips."""
+    """Return a flat body with three arms, and the vertices at their tips.
+
+    The first arm is thick and points upwards; the two others are thin and point downwards.
+    """
     shape = trimesh.creation.icosphere(subdivisions=subdivisions)
     radius, tips = np.ones(len(shape.vertices)), []
     for degrees, height, sharpness in ((90, 1.5, 6), (-45, 1.4, 9), (-135, 1.4, 9)):

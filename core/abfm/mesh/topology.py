@@ -13,7 +13,10 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Return the sorted edges (E, 2), smaller vertex first, and the edge opposite each corner."""
+    """Return the sorted edges (E, 2), and the edge opposite each corner of the faces, (F, 3).
+
+    The smaller vertex of an edge is first.
+    """
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
@@ -28,9 +31,9 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
 
 
 def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
-    """Return keys (from 0 to ``above`` - 1) in ascending order, and the order.
+    """Return keys (from 0 to ``above`` - 1) in ascending order, and their indices before sorting.
 
-    If a key and its place fit in 64 bits, both are sorted as one number. This takes a fraction of
+    If a key and its index fit in 64 bits, both are sorted as one number. This takes a fraction of
     the time of ``np.argsort``.
     """
     bits = len(keys).bit_length()
@@ -44,7 +47,10 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return the slots (E, 2) of each edge, smaller one first; the second is -1 on the boundary."""
+    """Return the two slots of each edge, (E, 2), smaller one first.
+
+    On the boundary the second is -1.
+    """
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -53,15 +59,18 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slots of the next corners of the faces, at which the slots' edges start."""
+    """Return for each slot that of the next corner of the same face.
+
+    The edge of a slot starts at this corner.
+    """
     return slots - slots % 3 + (slots + 1) % 3
 
 
 def connected(count: int, pairs: IntArray) -> IntArray:
-    """Return the component label of each of ``count`` nodes connected by ``pairs`` (n, 2).
+    """Return the component of each of ``count`` nodes, where ``pairs`` (n, 2) connect nodes.
 
-    Labels increase in order of first appearance. This is as fast as SciPy's function, whose import
-    takes longer than reading and drawing a mesh.
+    Components are numbered in order of first appearance. This is as fast as SciPy's function, whose
+    import takes longer than reading and drawing a mesh.
     """
     nodes = np.arange(count)
     root = nodes
@@ -77,10 +86,10 @@ def connected(count: int, pairs: IntArray) -> IntArray:
 
 
 def equal_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
-    """Return the index of each unique row of rows (n, k), and the group of each row, (n,).
+    """Return the first row of each group of equal rows (n, k), and the group of each row, (n,).
 
-    Equal rows form a group, whose index is that of its first row. This is ``np.unique`` along the
-    first axis, in a fraction of its time.
+    The first rows are given by their indices. This is ``np.unique`` along the first axis, in a
+    fraction of its time.
     """
     order = np.lexsort(rows.T)
     ordered = rows[order]
@@ -91,7 +100,7 @@ def equal_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
 
 
 def grouped(rows: IntArray, labels: IntArray) -> list[IntArray]:
-    """Return the rows (n, ...) of each label (n,), by ascending labels."""
+    """Split rows (n, ...) into a list of arrays, one for each different label (n,), ascending."""
     order = np.argsort(labels, kind="stable")
     last = np.flatnonzero(np.diff(labels[order]))
     return np.split(rows[order], last + 1) if len(rows) else []

@@ -6,8 +6,8 @@ import numpy as np
 def require_memory(size: float) -> None:
     """Raise MemoryError unless ``size`` bytes are available.
 
-    Call it before a compiled library allocates them. If such libraries run out of memory, some free
-    memory twice, some abort, and some continue without the memory.
+    Call this function before a compiled library allocates them. If such libraries run out of
+    memory, some free memory twice, some abort, and some continue without the memory.
     """
     try:
         np.empty(int(size), np.uint8)

@@ -35,8 +35,9 @@ _BYTES_PER_ENTRY = 16
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix; return its solver for one vector (n,).
 
-    The solver raises MemoryError if the factorisation runs in a subprocess that ends or runs out of
-    memory. Otherwise `factor` itself raises MemoryError.
+    The factorisation runs in a subprocess if `factoring_in_subprocess` chooses one. If it runs out
+    of memory there, or the subprocess ends, the solver raises MemoryError. Otherwise `factor`
+    itself raises MemoryError.
     """
     unknowns = matrix.shape[0]
     if unknowns == 0:  # the mesh has no inner vertices; both libraries refuse an empty matrix
@@ -58,7 +59,11 @@ def _factored(matrix: sparse.csr_array) -> Solve:
 
 
 def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """Return a progress step; nested dissection of a surface mesh takes n^(3/2) operations."""
+    """Return a progress step for factoring a system; its cost is estimated as ``unknowns^1.5``.
+
+    Nested dissection of a surface mesh takes this number of operations. ``since`` is the start
+    time, if the factorisation already runs.
+    """
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 
@@ -104,7 +109,10 @@ class _Factor:
 
 
 class _SubprocessFactor:
-    """One of several concurrent factorisations in subprocesses; the first solve waits for it."""
+    """A factorisation that runs in its own subprocess, at the same time as others.
+
+    The first solve waits until it is finished.
+    """
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
@@ -125,7 +133,7 @@ class _SubprocessFactor:
 
 
 class _FactorHolder:
-    """The state of the subprocess of a `_SubprocessFactor`."""
+    """The object in the subprocess of a `_SubprocessFactor`, which stores its factorisation."""
 
     _solve: Solve | None = None
 

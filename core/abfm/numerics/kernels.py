@@ -59,7 +59,10 @@ _listen("numba:compile", _CompilationListener())
 
 
 class _Cache:
-    """numba's cache on disk; it skips damaged files and ignores failed writes."""
+    """The cache of numba on disk, except that errors of its files are ignored.
+
+    If a file is damaged, the kernel is compiled anew. If writing fails, the kernel is not cached.
+    """
 
     def __init__(self, cache: Any) -> None:
         self._cache = cache
@@ -80,12 +83,12 @@ class _Cache:
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile a function with the settings of all kernels."""
+    """Compile a function with numba, with the settings that the module describes."""
     return _compiled(function, {"contract"})
 
 
 def unfused_kernel(function: Kernel) -> Kernel:
-    """Compile without fused multiply-adds.
+    """Compile a function as `kernel` does, but without fused multiply-adds.
 
     Whether products and sums are fused depends on inlining, and inlining differs for callees loaded
     from the cache. Kernels that branch on signs could then decide differently.
@@ -94,7 +97,7 @@ def unfused_kernel(function: Kernel) -> Kernel:
 
 
 def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
-    """Compile a function, or load it from the cache.
+    """Compile a function with the numba option ``fastmath``, or load it from the cache.
 
     numba reuses a cached function while the function's own file is unchanged. The name in the cache
     includes a digest of all files with kernels that it calls. A change of a kernel therefore also
@@ -112,7 +115,7 @@ def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
 
 
 def _stamp(namespace: dict[str, Any]) -> str:
-    """Return a digest of this file and of all files whose kernels a module uses."""
+    """Return a digest of this file and of all files whose kernels a module (``namespace``) uses."""
     modules, remaining = {__name__}, [namespace]
     while remaining:
         for value in remaining.pop().values():
@@ -138,7 +141,7 @@ inner = _compiled(inner, {"contract", "reassoc"})
 def csr_product(
     indptr: IndexArray, indices: IndexArray, data: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
-    """Compute ``out = matrix @ x``."""
+    """Write the product of a CSR matrix and a vector ``x`` to ``out``."""
     for i in range(out.size):
         total = 0.0
         for e in range(indptr[i], indptr[i + 1]):

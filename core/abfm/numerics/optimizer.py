@@ -1,9 +1,9 @@
 """Preconditioned L-BFGS [Nocedal & Wright 2006, ch. 7] as an iterator.
 
 `LBFGS` has the methods ``init``, ``step`` and ``stop_reason``. SciPy's L-BFGS has no
-preconditioner. It cannot stop between two iterations or reuse the pairs of an earlier run. Its line
-search fails for energies that are not finite. It also evaluates slopes where the value alone
-rejects a step.
+preconditioner. It cannot stop between two iterations or reuse the pairs (steps and gradient
+changes) of an earlier run. Its line search fails for energies that are not finite. It also
+evaluates slopes at step lengths that are rejected by their value alone.
 """
 
 import math
@@ -45,7 +45,10 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Trial(Generic[Point]):
-    """A step length in a line search, with value and slope (NaN if the value rejects the step)."""
+    """A step length that a line search has tried, with the energy and its slope there.
+
+    The slope is NaN if the energy is too high, as it is then not computed.
+    """
 
     length: float
     value: float
@@ -94,10 +97,10 @@ class LBFGS(Generic[Point]):
         previous: Iterate[Point] | None = None,
         curvature_ratio: float = 1.0,
     ) -> Iterate[Point]:
-        """Return the first iterate, with the evaluation ``point`` at ``x`` if it is known.
+        """Return the first iterate at ``x``; ``point`` is the evaluation there, if it is known.
 
-        The search reuses the pairs of a ``previous`` search. The curvature of this energy is about
-        ``curvature_ratio`` times as large.
+        The minimisation reuses the pairs of a ``previous`` one. The curvature of its energy is
+        about ``curvature_ratio`` times that of the previous energy.
         """
         point = self.evaluate(x) if point is None else point
         preconditioned, norm = self._preconditioned(point.gradient)
@@ -111,7 +114,7 @@ class LBFGS(Generic[Point]):
         return Iterate(x, point, preconditioned, pairs, scale, norm, norm, previous.length)
 
     def step(self, state: Iterate[Point]) -> Iterate[Point]:
-        """Do one iteration; if the line search fails, repeat it without the stored pairs."""
+        """Do one iteration; if the line search fails, do it without the stored pairs."""
         direction = -self._inverse_hessian(state)
         slope = _inner(direction, state.point.gradient)
         trial = None
@@ -174,7 +177,11 @@ class LBFGS(Generic[Point]):
         return Iterate(x, trial.point, preconditioned, pairs, scale, norm, state.first_norm, length)
 
     def _inverse_hessian(self, state: Iterate[Point]) -> FloatArray:
-        """Apply the two-loop recursion (algorithm 7.4), with ``H_0`` applied by linearity."""
+        """Return the product of the approximate inverse Hessian and the gradient.
+
+        The two-loop recursion (algorithm 7.4) applies ``H_0`` to sums of vectors for which ``H_0``
+        times the vector is already known.
+        """
         if not state.pairs:
             return state.preconditioned
         q, found = state.point.gradient.flatten(), state.preconditioned.flatten()
@@ -185,7 +192,10 @@ class LBFGS(Generic[Point]):
         return found.reshape(state.x.shape)
 
     def _preconditioned(self, gradient: FloatArray) -> tuple[FloatArray, float]:
-        """Return ``H_0 g`` and ``sqrt(<g, H_0 g>)``, NaN if rounding makes the product negative."""
+        """Return ``H_0 g`` and the norm ``sqrt(<g, H_0 g>)`` of a gradient g.
+
+        The norm is NaN if the product is negative by rounding.
+        """
         found = self.precondition(gradient) if self.precondition else gradient
         square = _inner(gradient, found)
         return found, float(np.sqrt(square)) if square >= 0 else math.nan
@@ -193,7 +203,10 @@ class LBFGS(Generic[Point]):
 
 @kernel
 def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
-    """Subtract a pair's contribution from ``q``, and its ``H_0`` image from ``found``."""
+    """Apply a pair to ``q`` in the first loop of the two-loop recursion; return its weight.
+
+    ``found`` is ``H_0 q`` and is updated in the same way.
+    """
     weight: float = pair.rho * inner(pair.s, q)
     for i in range(q.size):
         q[i] -= weight * pair.y[i]
@@ -203,7 +216,7 @@ def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
 
 @kernel
 def second_loop_update(pair: Pair, weight: float, found: FloatArray) -> None:
-    """Add a pair's step, in the recursion's second loop, to ``found``."""
+    """Apply a pair, with its weight of the first loop, to ``found`` in the second loop."""
     share = weight - pair.rho * inner(pair.y, found)
     for i in range(found.size):
         found[i] += share * pair.s[i]
@@ -220,10 +233,11 @@ def strong_wolfe(
     first: float,
     length_max: float,
 ) -> Trial[Point] | None:
-    """Find a step length with sufficient decrease and, below ``length_max``, a flatter slope.
+    """Find a step length with sufficient decrease and a flatter slope (strong Wolfe conditions).
 
-    The search follows algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. It
-    tries ``first`` first, and computes slopes only where the value is low enough. After twelve
+    At ``length_max``, a step length whose slope is still negative is also accepted. The search
+    follows algorithms 3.5 and 3.6 from ``start``, of length 0 and negative slope. It begins with
+    the step length ``first``, and computes slopes only where the value is low enough. After twelve
     trials it returns the lowest trial with sufficient decrease, or None if there is none. A value
     that is not finite counts as infinite, so the step is shortened.
     """
@@ -254,10 +268,11 @@ def strong_wolfe(
 
 
 def _interpolate(low: Trial[Point], high: Trial[Point]) -> float:
-    """Return the minimiser of the cubic, or of the parabola if the slope at ``high`` is unknown.
+    """Return the step length at the minimum of a polynomial through two trials.
 
-    The result is at least a tenth of the interval away from both ends, and a tenth from ``low`` if
-    ``high`` is infinite.
+    The polynomial is a cubic, or a parabola if the slope of ``high`` is unknown. The result is at
+    least a tenth of the interval away from both ends. It is a tenth away from ``low`` if the value
+    of ``high`` is infinite.
     """
     width, rise = high.length - low.length, high.value - low.value
     fraction = 0.5

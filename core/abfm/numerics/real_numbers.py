@@ -12,10 +12,10 @@ from abfm.types import FloatArray
 def real_numbers(
     values: ArrayLike, name: str, error: type[AbfmError] = ParameterError
 ) -> FloatArray:
-    """Return an array of real numbers as float64 in C order; it may have infinities and NaN.
+    """Return an array of real numbers as float64 in C order; infinities and NaN are allowed.
 
-    Masked values become NaN; PyTorch tensors are detached and copied to the CPU. Anything else
-    raises ``error``: text, objects, complex numbers, or rows of different lengths.
+    Masked values become NaN; PyTorch tensors are detached and copied to the CPU. An ``error`` about
+    ``name`` is raised for text, objects, complex numbers, or rows of different lengths.
     """
     try:
         array = plain_array(values)
@@ -48,7 +48,7 @@ def as_float64(array: NDArray[Any]) -> FloatArray:
 
 
 def is_finite_number(value: object) -> bool:
-    """Return whether a value is one finite real number; NumPy scalars count, booleans do not."""
+    """Return whether a value is one finite real number, also of NumPy, but not a boolean."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError):
@@ -57,7 +57,7 @@ def is_finite_number(value: object) -> bool:
 
 
 def is_integer(value: object, least: int, most: int) -> bool:
-    """Return whether a value is one integer between two bounds, both included."""
+    """Return whether a value is one integer from ``least`` to ``most``, both included."""
     if not is_finite_number(value):
         return False
     number = float(np.asarray(value))

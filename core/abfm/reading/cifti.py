@@ -43,10 +43,11 @@ def read_cifti(
 ) -> Columns:
     """Read the columns of one hemisphere from .dscalar.nii, .dtseries.nii and .dlabel.nii.
 
-    ``counts`` are possible numbers of vertices of the surface. A hemisphere is chosen if it is the
-    only one with such a number. Otherwise it is ``hemisphere`` ("L" or "R"), which must be in the
-    file. If that is empty, it is ``likely``, the hemisphere of the surface, if the file contains
-    it. ValueError if the file is damaged or of another type, or if both hemispheres fit.
+    ``hemisphere`` ("L" or "R") chooses the hemisphere, which must be in the file. If it is empty,
+    ``likely``, the hemisphere of the surface, is read if the file has it. Otherwise the only
+    hemisphere is read whose number of vertices is in ``counts``, the possible numbers for the
+    surface. A file with one hemisphere needs no choice. ValueError if the file is damaged or of
+    another type, or if the choice is not unique.
     """
     try:
         return _columns(data, counts, (hemisphere, likely))
@@ -127,7 +128,11 @@ def _matrix(data: bytes, head: Any) -> Any:
 
 
 def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tuple[Any, int]:
-    """Return the brain model of one hemisphere, and the number of other models."""
+    """Return the brain model of the hemisphere that is read, and the number of other models.
+
+    A brain model describes the vertices of one structure in a CIFTI file. ``sides`` are the
+    parameters ``hemisphere`` and ``likely`` of `read_cifti`.
+    """
     requested, likely = sides
     every = list(models.brain_models)
     found = [
@@ -156,7 +161,10 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
 
 
 def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
-    """Return all numbers of the file, with a row for each grayordinate."""
+    """Return all numbers of the file, with a row for each grayordinate.
+
+    ``axis`` is the axis of grayordinates in the file, 0 or 1.
+    """
     shape = tuple(map(int, head.get_data_shape()))
     if len(shape) != 6 or shape[:4] != (1, 1, 1, 1):
         raise ValueError(f"the array of the file has shape {shape}; expected two axes of numbers")
@@ -167,7 +175,7 @@ def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
 def _numbers(
     data: bytes, head: Any, shape: tuple[int, ...], new_shape: tuple[int, ...]
 ) -> NDArray[Any]:
-    """Return the array after the header, without scaling, in a new shape of the same size."""
+    """Return the array after the header as ``new_shape``, without the scaling in the header."""
     kind = head.get_data_dtype()
     begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
     if min(shape) < 1 or kind.kind not in "biuf":
@@ -230,7 +238,7 @@ def _keys(named: Any) -> Keys:
 
 
 def _times(series: Any, count: int) -> FloatArray | None:
-    """Return the times of the frames in seconds, or None if the file has none."""
+    """Return the times of ``count`` frames in seconds; None if the axis of frames is not time."""
     if series.series_unit != "SECOND":
         return None
     scale = 10.0 ** (series.series_exponent or 0)

@@ -30,7 +30,7 @@ _LABELS_ADVICE = (
 
 
 class Numbering(Protocol):
-    """Part of `TriangleMesh` that assigns rows of a file to vertices."""
+    """The part of `TriangleMesh` that `Columns` need to assign rows of a file to vertices."""
 
     @property
     def vertex_ids(self) -> IntArray: ...
@@ -44,7 +44,7 @@ class Numbering(Protocol):
 
 
 class Keys(NamedTuple):
-    """Names and colours of the keys in a column of labels."""
+    """Names and colours by key, for a column of labels."""
 
     names: Mapping[int, str]
     colors: Mapping[int, Color]
@@ -122,10 +122,10 @@ class Columns:
         return replace(found, values=table)
 
     def by_vertex(self) -> Columns:
-        """Convert a column of vertex numbers, if there is one, to the attribute ``vertices``.
+        """Convert the column of vertex numbers to the attribute ``vertices``.
 
         A column of vertex numbers is named vertex, node, index, Vertex ID or similar, or is the
-        first one and has no name.
+        first one and has no name. Without such a column, nothing changes.
         """
         place = self._place_of_vertices()
         if place is None:
@@ -217,7 +217,7 @@ class Columns:
         raise ValueError(f"the data have {columns}{missing}. Choose column={by_number}{listed}")
 
     def of_values(self) -> Columns:
-        """Return the columns without labels; raise a ValueError if all columns have labels."""
+        """Return the columns of values, without those of labels; ValueError if there are none."""
         if not any(self.keys):
             return self
         chosen = [k for k, keys in enumerate(self.keys) if keys is None]
@@ -226,7 +226,7 @@ class Columns:
         return self._only(chosen)
 
     def of_labels(self) -> Columns:
-        """Return the columns with labels; raise a ValueError if no column has labels."""
+        """Return the columns of labels, without those of values; ValueError if there are none."""
         chosen = [k for k, keys in enumerate(self.keys) if keys is not None]
         if not chosen:
             raise ValueError("the data are values; expected labels with names")
@@ -266,18 +266,22 @@ def names_vertices(name: str) -> bool:
 
 
 def counts_of(mesh: Numbering) -> tuple[int, int]:
-    """Return the number of vertices of a mesh, and of its file."""
+    """Return the numbers of vertices of a mesh and of the file that it is read from."""
     return len(mesh.vertex_ids), mesh.file_vertex_count
 
 
 def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int) -> int:
-    """Return the axis of the vertices: the preferred one, unless only another size fits."""
+    """Return the axis of an array that belongs to the vertices.
+
+    It is the ``preferred`` one if its size is in ``counts``, or if no size is; otherwise the first
+    axis whose size is.
+    """
     fitting = [axis for axis, size in enumerate(shape) if size in counts]
     return preferred if preferred in fitting or not fitting else fitting[0]
 
 
 def even_times(step: float, count: int, begin: float = 0.0) -> FloatArray | None:
-    """Return evenly spaced times (count,) in seconds; None unless the step is above 0."""
+    """Return evenly spaced times (count,) in seconds; None if the step is 0, negative or NaN."""
     is_step = step > 0 and math.isfinite(begin + step * count)
     return begin + step * np.arange(count, dtype=np.float64) if is_step else None
 

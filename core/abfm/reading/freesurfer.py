@@ -173,7 +173,10 @@ def freesurfer_label(data: bytes) -> Columns:
 
 
 def freesurfer_text(data: bytes) -> Columns:
-    """Read values as from ``mris_convert``: the lines of a .label file without a header."""
+    """Read values in the text format of ``mris_convert``.
+
+    Its lines are those of a .label file without a header: vertex, coordinates and value.
+    """
     if data.startswith(b"#!ascii"):
         raise ValueError("the file is a surface; expected a file of values")
     rows = [line.split() for line in data.decode("utf-8", "replace").splitlines() if line.strip()]
@@ -247,7 +250,10 @@ class _BytesReader:
 
 
 def _table(reader: _BytesReader) -> list[tuple[int, str, tuple[int, int, int, int]]]:
-    """Return the number, name, and red, green, blue and transparency of each colour of a table."""
+    """Return the key, the name and the colour of each entry of a colour table.
+
+    A colour is red, green, blue and transparency, from 0 to 255.
+    """
     count = reader.number()
     version = 1 if count > 0 else -count
     if version not in (1, 2):

@@ -106,7 +106,7 @@ def _metadata(entries: Iterable[Element]) -> list[tuple[str, str]]:
 
 
 def _key(label: Element) -> int:
-    """Return the key of a label, an attribute named ``Index`` in early files."""
+    """Return the key of a label element, an attribute that early files call ``Index``."""
     word = label.get("Key", label.get("Index", ""))
     digits = word.removeprefix("-")
     if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):
@@ -124,7 +124,11 @@ def _color(label: Element) -> Color | None:
 
 
 def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any]:
-    """Return the array of an element with a text, of at most ``size_max`` bytes."""
+    """Return the numbers of a data array element; ``text`` is the text in it.
+
+    ValueError if they have more than ``size_max`` bytes. ``path`` is the GIFTI file, for external
+    data.
+    """
     kind = choice_in(array, "DataType", _TYPES)
     order = choice_in(array, "ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")
     stored = kind.newbyteorder(choice_in(array, "Endian", _ORDERS, "LittleEndian"))

@@ -1,8 +1,8 @@
 """Opening of files of any format: decompression and detection of the format.
 
 The format is detected by the first bytes if it has a signature, else by the ending of the name.
-Other contents (a Git LFS pointer, a web page, an archive) are refused with a message that names
-them.
+Contents that are not data (a Git LFS pointer, a web page, an archive) are refused; the message
+describes them.
 """
 
 import os
@@ -221,7 +221,10 @@ def _format(data: bytes, head: str, name: str) -> Format:
 
 
 def _format_of_text(head: str, named: Format) -> Format:
-    """Return the format that the first words of a text indicate, or else that of its name."""
+    """Return the format of a text file with these first characters (``head``).
+
+    If they do not determine the format, it is ``named``, that of the name.
+    """
     if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
         return Format.FREESURFER_ASCII
     found = (form for start, form in _TEXTS.items() if start.match(head))
@@ -229,13 +232,19 @@ def _format_of_text(head: str, named: Format) -> Format:
 
 
 def _has_old_quads(data: bytes) -> bool:
-    """Return whether the size is that of an old surface: int16 coordinates, 3-byte indices."""
+    """Return whether the size of a file is that of a FreeSurfer surface of the oldest version.
+
+    It has 16-bit coordinates, and 3-byte vertex numbers of quadrangles.
+    """
     vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
     return len(data) == 9 + 6 * vertices + 12 * quads
 
 
 def _is_old_values(data: bytes) -> bool:
-    """Return whether the size is that of old values: two 3-byte counts, int16 values."""
+    """Return whether the size of a file is that of FreeSurfer values in the old format.
+
+    It has two 3-byte counts, then 16-bit values.
+    """
     return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
 
 

@@ -164,7 +164,7 @@ def array_from(data: bytes) -> NDArray[Any]:
 
 
 def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dtype[Any]]:
-    """Return the offset, shape, Fortran order and type of the array of a .npy file.
+    """Return the start of the data in a .npy file, and the shape, Fortran order and type.
 
     ``total`` is the size of the file, and ``data`` its beginning. Errors are those of `array_from`.
     """
@@ -257,7 +257,7 @@ class Archive(Mapping[str, NDArray[Any]]):
             return file.read(member.file_size + 1)
 
     def part(self, name: str) -> BufferedReader:
-        """Return an uncompressed member, such as a zip in the zip, as an open file."""
+        """Return an uncompressed member of the zip, such as another zip, as an open file."""
         member = self._member(name, self._size_max)
         if member.compress_type:
             raise ValueError(f"{name} is compressed; expected an uncompressed member")
@@ -266,7 +266,7 @@ class Archive(Mapping[str, NDArray[Any]]):
         return BufferedReader(_Part(self._file, name, start, member.file_size))
 
     def _member(self, name: str, size_max: int) -> zipfile.ZipInfo:
-        """Return a member after its size and compression were checked."""
+        """Return the entry of a member of the zip; check its size and compression first."""
         member = self._zip.getinfo(name)
         if member.file_size > size_max:
             raise ValueError(f"{name} has {member.file_size} bytes; expected at most {size_max}")
@@ -281,7 +281,10 @@ class Archive(Mapping[str, NDArray[Any]]):
 
 
 class _Part(RawIOBase):
-    """Part of an open file with fast seeking; seeking in ``zipfile`` reads everything before."""
+    """A part of an open file, as a file in which seeking is fast.
+
+    Seeking in ``zipfile`` reads all bytes before the position.
+    """
 
     def __init__(self, file: BinaryIO, name: str, start: int, size: int) -> None:
         self.name = name

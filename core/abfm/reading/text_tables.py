@@ -51,9 +51,9 @@ def rows_of(data: bytes | str, comments: str | None = None, blanks: bool = True)
     """Return the cells of all lines of a table that are not empty, without blanks around them.
 
     ``data`` is a file in UTF-8 or UTF-16, or its text. Lines that begin with ``comments`` are
-    skipped. If there is no other separator, blanks separate cells if ``blanks`` is True, else
-    commas. ValueError, also while iterating, if the text cannot be decoded or quotes are not
-    closed.
+    skipped. The first line determines the separator: semicolon, tab or comma. If it has none of
+    these, the separator is blanks, or the comma if ``blanks`` is False. ValueError, also while
+    iterating, if the text cannot be decoded or quotes are not closed.
     """
     text = _text(data)
     first = next((line for line in _lines(text, comments)), "")
@@ -76,7 +76,7 @@ def _cells(text: str, separator: str | None, comments: str | None) -> Iterator[l
 
 
 def _table_error(error: csv.Error) -> str:
-    """Return the message of an error of the csv module, in words of this package."""
+    """Return a message for the user about an error of the csv module."""
     if "field limit" in str(error):
         return f"a cell has more than {csv.field_size_limit():,} characters"
     return one_line(error).replace("unexpected end of data", _OPEN_QUOTE)
@@ -85,8 +85,8 @@ def _table_error(error: csv.Error) -> str:
 def parse_number(text: str, decimal_comma: bool = False) -> float:
     """Return the number in a cell, which may have a decimal comma.
 
-    ValueError if the cell is not a number. Also if its comma may separate thousands, unless
-    ``decimal_comma`` is True.
+    ValueError if the cell is not a number. A comma that may separate thousands is also an error,
+    unless ``decimal_comma`` is True.
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
         raise ValueError(
@@ -110,8 +110,8 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     Semicolons, tabs, commas or blanks separate cells. Commas inside cells are decimal. Blank cells
     and words such as NA become NaN; true and false become 1 and 0. Empty lines and lines that begin
     with ``#`` are skipped. If the first line is not all numbers, it has the names of the columns.
-    Otherwise they are in the last comment above the numbers, if it has a word for each column. A
-    named column of other words is omitted, and also a last column of blank cells.
+    Otherwise the last comment above the numbers has them, if its number of words is that of the
+    columns. A named column of other words is omitted, and also a last column of blank cells.
 
     ``data`` is a file in UTF-8 or UTF-16, or its text. If ``integers`` is True, integers are
     expected, and a comma between two of them separates columns. ValueError if cells are not
@@ -152,9 +152,10 @@ def _numbers(names: list[str], table: FloatArray, places: list[int]) -> Numbers:
 def _with_gaps(
     rows: list[str], separator: str | None, names: list[str], error: ValueError
 ) -> Numbers:
-    """Return the numbers of lines with blank cells, missing values, true or false.
+    """Return the numbers in rows whose cells may also be blank, missing values, true or false.
 
-    For other words, ``error`` is raised again, the ValueError of the first attempt.
+    If the cells are other words, a ValueError is raised. Its cause is ``error``, the reason why the
+    rows are not only numbers.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
@@ -179,7 +180,7 @@ def _with_gaps(
 
 
 def _number_of(cell: str) -> str:
-    """Return a cell in a form that NumPy can read; empty for a missing value."""
+    """Return a cell as a text that NumPy can convert to a number; empty if the value is missing."""
     text = cell.strip(' "').replace("\u2212", "-")  # the minus sign of Unicode
     small = text.lower()
     return "" if small in _MISSING_VALUES else _TRUTH.get(small, _FORTRAN.sub(r"\1e\2", text))
@@ -205,7 +206,10 @@ def _text(data: bytes | str) -> str:
 
 
 def _of_bytes(data: bytes) -> str:
-    """Decode UTF-8 or UTF-16, or else the encoding of Excel in western Europe."""
+    """Decode a text in UTF-8, UTF-16 or cp1252, which Excel writes in western Europe.
+
+    A UnicodeDecodeError is raised for binary data.
+    """
     try:
         return decoded(data)
     except UnicodeDecodeError:
@@ -251,7 +255,7 @@ def is_number(text: str) -> bool:
 
 
 def _are_numbers(cells: list[str]) -> bool:
-    """Return whether a first line has numbers, some of which may be missing, instead of names."""
+    """Return whether the cells of the first line are numbers or missing values, not names."""
     words = (*_MISSING_VALUES, *_TRUTH)
     present = cells if cells[-1] else cells[:-1]
     return all(is_number(cell) or cell.lower() in words for cell in present)
@@ -260,7 +264,10 @@ def _are_numbers(cells: list[str]) -> bool:
 def _with_points(
     rows: list[str], separator: str | None, names: list[str], integers: bool
 ) -> tuple[list[str], str | None]:
-    """Replace decimal commas in lines of numbers; return the lines and the separator of cells."""
+    """Replace decimal commas by points in rows of numbers.
+
+    Return the rows and the separator of their cells. ValueError if commas are ambiguous.
+    """
     if separator == "," and not any('"' in row for row in rows):
         is_one_column = len(names) == 1 and not integers
         if is_one_column and all(_DECIMAL.fullmatch(row.strip()) for row in rows):
@@ -286,7 +293,11 @@ def _has_comma(cell: str) -> bool:
 
 
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
-    """Raise a ValueError if cells also have decimal points, or if commas may separate thousands."""
+    """Raise a ValueError if numbers have commas whose meaning is unclear.
+
+    This is the case if other numbers have decimal points, or if the commas may separate thousands.
+    ``body`` is the text of the table, and ``cells`` are its cells with a comma.
+    """
     if cells and _POINT.search(body):
         raise ValueError(
             f"some numbers have commas, such as {brief(cells[0])}, and others have points. Write "
@@ -302,7 +313,7 @@ def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
 
 
 def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None:
-    """Raise a ValueError if commas may be decimal, or may separate columns."""
+    """Raise a ValueError if each comma in the rows may be decimal or separate columns."""
     if integers:
         return
     if not names and all(
@@ -323,7 +334,10 @@ def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None
 
 
 def _commented_names(text: str, separator: str | None) -> list[str]:
-    """Return the words of the last comment above the numbers, where np.savetxt writes names."""
+    """Return the words of the last comment above the numbers of a table; empty if there is none.
+
+    np.savetxt writes the names of columns there.
+    """
     head = ""
     for line in text.split("\n"):
         if line.strip() and not line.startswith("#"):

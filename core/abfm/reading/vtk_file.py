@@ -23,7 +23,10 @@ _VOLUMES = {10: "tetrahedra", 11: "voxels", 12: "hexahedra", 13: "wedges", 14: "
 
 
 class PointData(Mapping[str, NDArray[Any]]):
-    """Arrays by name, such as (n, C), decoded on access; ValueError if damaged or ambiguous."""
+    """Arrays at the points by name, such as (n, C), decoded on access.
+
+    Access raises a ValueError if an array is damaged, or if several arrays have the name.
+    """
 
     def __init__(self, arrays: Iterable[tuple[str, Callable[[], NDArray[Any]]]]) -> None:
         self._arrays: dict[str, list[Callable[[], NDArray[Any]]]] = {}

@@ -131,7 +131,10 @@ class _Parser:
         self._store(words[0], self._numbers(self._count * columns, kind), columns)
 
     def _take_field(self, count: int) -> None:
-        """Read arrays; each follows a line with its name, columns, rows and type."""
+        """Read the ``count`` arrays of a field.
+
+        The line before each array has its name, columns, rows and type.
+        """
         for _ in range(count):
             words = self._words()
             while words[0].upper() == "METADATA":
@@ -148,9 +151,9 @@ class _Parser:
                 self.time = float(found[0])
 
     def _skip_strings(self, count: int) -> None:
-        """Skip texts: one on each line, or, in binary files, bytes after their length.
+        """Skip ``count`` texts: one on each line, or, in binary files, bytes after their number.
 
-        The two highest bits of the length determine how many bytes it has.
+        The two highest bits of this number determine how many bytes the number itself has.
         """
         for _ in range(count):
             if self._begin >= len(self._data):
@@ -167,7 +170,11 @@ class _Parser:
             self._values.append((unquote(name), values.reshape(-1, columns).astype(np.float64)))
 
     def _cells_of(self, count: int, size: int) -> Cells:
-        """Read cells: a size before the corners of each, or offsets and then all corners."""
+        """Read ``count`` cells, stored in ``size`` numbers; return their sizes and corners.
+
+        In old files, the number of corners precedes the corners of each cell. In new ones, offsets
+        precede all corners.
+        """
         if _OFFSETS.match(self._data, self._begin):
             offsets = self._numbers(count, self._words()[1]).astype(np.int64)
             corners = self._numbers(size, self._words()[1]).astype(np.int64)
@@ -195,7 +202,7 @@ class _Parser:
         return polygons_of_cells(sizes, corners, types)
 
     def arrays(self) -> list[tuple[str, Any]]:
-        """Return the names of point data, and functions that return their values."""
+        """Return the names of the point data, each with a function that returns the values."""
         return [(name, lambda values=values: values) for name, values in self._values]
 
     def _words(self) -> list[str]:

@@ -103,7 +103,7 @@ def read_collection(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
 
 
 class _File:
-    """The XML tree of a file; arrays are decoded on access."""
+    """The XML tree of a VTK file; arrays are decoded on access."""
 
     def __init__(self, content: bytes) -> None:
         self._budget = inflated_size_max(len(content))
@@ -123,7 +123,7 @@ class _File:
         self._size = np.dtype(self._order + choice_in(root, "header_type", _HEADS, "UInt32"))
 
     def arrays(self, place: str) -> list[Element]:
-        """Return the data arrays directly inside elements of this name."""
+        """Return all data arrays that are children of elements of the name ``place``."""
         return [array for each in self.root.iter(place) for array in each.findall("DataArray")]
 
     def polygons(self) -> Polygons:
@@ -158,7 +158,7 @@ class _File:
         return found
 
     def values(self, array: Element, count: int) -> FloatArray:
-        """Return the numbers of a data array, shape (count, C)."""
+        """Return the numbers of a data array, shape (count, C), for ``count`` points."""
         name, form = brief(array.get("Name", "")), array.get("format", "ascii")
         columns = count_in(array, "NumberOfComponents", "1")
         kind = choice_in(array, "type", _TYPES)
@@ -193,7 +193,10 @@ class _File:
         return as_float64(numbers).reshape(count, columns)
 
     def _decoded(self, begin: Beginning, size: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        """Return numbers of ``size`` bytes, which follow the header of an array."""
+        """Return the numbers of a binary array, which have ``size`` bytes after decompression.
+
+        ``begin`` returns the first bytes of the array: its header, then the numbers.
+        """
         count, words, lengths = 1, 1, [size]
         if compressor := self.root.get("compressor", ""):
             expand = choice_in(self.root, "compressor", _COMPRESSORS)
@@ -232,7 +235,11 @@ def _raw(data: bytes) -> Beginning:
 
 
 def _base64(text: bytes) -> Beginning:
-    """Return a function for base64 text, in which the header may be encoded separately."""
+    """Return a function that decodes the first bytes of an array in base64.
+
+    Its arguments are the sizes of the header and of all requested bytes. The header may be encoded
+    separately.
+    """
     text = b"".join(text.split())
 
     def beginning(head: int, size: int) -> bytes:
@@ -245,7 +252,7 @@ def _base64(text: bytes) -> Beginning:
 
 
 def _letters(size: int) -> int:
-    """Return the number of base64 letters for ``size`` bytes."""
+    """Return the number of base64 characters that encode ``size`` bytes."""
     return 4 * -(-size // 3)
 
 

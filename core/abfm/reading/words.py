@@ -18,7 +18,10 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Convert a word to a number, also ``1.0D+00`` of Fortran; ValueError for other words."""
+    """Convert a word to a number; ValueError if it is not a number.
+
+    Exponents of Fortran are also read, such as in ``1.0D+00``.
+    """
     try:
         return float(word)
     except ValueError:
@@ -58,11 +61,14 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, shape (count,); ValueError about ``of`` if fewer follow."""
+        """Return the next numbers, shape (count,); ValueError if fewer follow.
+
+        The message calls the numbers ``of``.
+        """
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:
-        """Return the next integers, shape (count,), or all that follow if ``count`` is None."""
+        """Return the next integers, shape (count,), or all remaining ones if ``count`` is None."""
         return np.frombuffer(self._read(array("q"), integer, count, of), np.int64)
 
     def _read(
@@ -83,7 +89,7 @@ class Words:
         raise ValueError(f"the file is cut off: {of} has {len(found)} of {count} numbers")
 
     def count(self, of: str) -> int:
-        """Return the next number, which announces how many ``of`` follow."""
+        """Return the next number, which is the number of ``of`` (such as "faces") that follow."""
         found = self.integers(1, f"the number of {of}")
         count = int(found[0])
         if count < 0:
@@ -92,11 +98,11 @@ class Words:
 
 
 def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:
-    """Split numbers (n,) into lists; each list follows its length.
+    """Split numbers (n,) into lists; the length of each list precedes its entries.
 
     ``count`` is the number of lists, by default as many as there are. Return the lengths of the
     lists, shape (count,), and their concatenated entries, shape (n - count,). ValueError if the
-    number of entries is not that of the lists.
+    numbers do not form this number of lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):

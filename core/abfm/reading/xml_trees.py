@@ -43,7 +43,7 @@ def _refuse_dtd(name: str, system: str | None, public: str | None, has_subset: b
 
 
 def choice_in(element: Element, name: str, choices: dict[str, Any], default: str = "") -> Any:
-    """Return the value of the word in an attribute; raise a ValueError for other words."""
+    """Return the value in ``choices`` of the word in an attribute; ValueError for other words."""
     word = (element.get(name) or default).strip()
     if word not in choices:
         words = ", ".join(each for each in choices if not each.isdigit() and "GIFTI" not in each)
@@ -52,7 +52,7 @@ def choice_in(element: Element, name: str, choices: dict[str, Any], default: str
 
 
 def count_in(element: Element, name: str, default: str = "") -> int:
-    """Return the integer in an attribute, which must be 0 or more, or raise a ValueError."""
+    """Return the integer in an attribute of an element; ValueError unless it is 0 or more."""
     text = (element.get(name) or default).strip()
     if not (text.isascii() and text.isdigit() and len(text) <= 18):
         raise ValueError(
@@ -62,7 +62,7 @@ def count_in(element: Element, name: str, default: str = "") -> int:
 
 
 def numbers_in(text: str, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return the numbers of a type in a text, or raise a ValueError for other words."""
+    """Return the numbers in a text, of the type ``kind``; ValueError if other words are in it."""
     try:
         return np.array(text.split(), dtype=kind)
     except (ValueError, OverflowError) as error:

@@ -15,7 +15,10 @@ WHITE: Color = (1.0, 1.0, 1.0, 1.0)
 
 
 class Material(NamedTuple):
-    """An image, as bytes of its file, times a colour: sRGB red, green, blue, opacity, 0 to 1."""
+    """A colour, and an image (or None) that is multiplied by it, as the bytes of its file.
+
+    The colour is sRGB red, green, blue and opacity, from 0 to 1.
+    """
 
     image: bytes | None = None
     color: Color = WHITE
@@ -52,7 +55,10 @@ def colored_ply(opened: Opened) -> ColoredFaces:
 
 
 def inside(faces: IntArray, count: int) -> IntArray:
-    """Return the faces, or raise a ValueError if they refer to vertices that do not exist."""
+    """Return the corners of faces unchanged; raise a ValueError if a vertex does not exist.
+
+    ``count`` is the number of vertices.
+    """
     if faces.size and not 0 <= faces.min() <= faces.max() < count:
         raise ValueError(
             f"a face refers to a vertex that does not exist; the file has {count} vertices"

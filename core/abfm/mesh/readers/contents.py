@@ -20,7 +20,7 @@ _SPLIT = "Split polygons into triangles in the program that made them"
 
 
 class FileContents(NamedTuple):
-    """Vertices (V, 3) in the order and count of the file, and triangles (F, 3)."""
+    """Vertices (V, 3) with the order and count of a mesh file, and triangles (F, 3)."""
 
     vertices: FloatArray
     faces: IntArray
@@ -29,7 +29,10 @@ class FileContents(NamedTuple):
 
 
 class Lists:
-    """Vertices and polygons of a text file, in 24 bytes a vertex, 8 a polygon and 8 a corner."""
+    """Vertices and polygons that are read one by one from a text file.
+
+    The memory is 24 bytes a vertex, 8 a polygon and 8 a corner.
+    """
 
     def __init__(self) -> None:
         self._points, self._sizes, self._corners = array("d"), array("q"), array("q")
@@ -65,7 +68,7 @@ class Lists:
         return np.frombuffer(self._points, np.float64).reshape(-1, 3)
 
     def polygons(self) -> tuple[IntArray, IntArray]:
-        """Return the number of corners of each polygon, and their concatenated corners."""
+        """Return the number of corners of each polygon, (P,), and the concatenated corners."""
         return np.frombuffer(self._sizes, np.int64), np.frombuffer(self._corners, np.int64)
 
     def contents(self) -> FileContents:
@@ -134,9 +137,10 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
 
 
 def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntArray) -> IntArray:
-    """Replace wrong fans in ``faces`` by ear clipping; return the polygons that intersect.
+    """Replace the triangles in ``faces`` of polygons whose fan is wrong by those of ear clipping.
 
-    The function processes polygons in chunks, which needs little memory.
+    Return the indices of polygons that intersect themselves, whose triangles are not changed.
+    Polygons are processed in chunks, which saves memory.
     """
     ends = np.cumsum(sizes)
     first, work, crossing = 0, 0.0, [np.zeros(0, dtype=np.int64)]
@@ -164,10 +168,10 @@ def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntAr
 
 
 def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArray]:
-    """Return a mask (P,) of the polygons with wrong fans, and the normals (P, 3) of polygons.
+    """Return which polygons have a wrong fan, (P,), and the normals of all polygons, (P, 3).
 
-    A fan is wrong if one of its triangles is flat, or if its normal is opposite to that of the
-    polygon. Polygons without area have no better triangles: their fans are accepted.
+    A fan is wrong if one of its triangles is flat, or if the normal of a triangle is opposite to
+    that of the polygon. Polygons without area have no better triangles: their fans are accepted.
     """
     owner, starts = np.repeat(np.arange(len(sizes)), sizes - 2), np.cumsum(sizes - 2) - (sizes - 2)
     sides = [fans[:, k] - fans[:, k - 1] for k in range(3)]
@@ -181,7 +185,10 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
 
 
 def _projected(points: FloatArray, sizes: IntArray, normals: FloatArray) -> FloatArray:
-    """Project corners of polygons to a coordinate plane: points (n, 2), counterclockwise."""
+    """Return the corners (n, 2) of polygons projected to coordinate planes, counterclockwise.
+
+    The plane of a polygon is chosen by its normal.
+    """
     axis = np.argmax(np.abs(normals), axis=1)
     turned = normals[np.arange(len(axis)), axis] < 0
     first = np.repeat(points[np.cumsum(sizes) - sizes], sizes, axis=0)

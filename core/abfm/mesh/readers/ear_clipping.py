@@ -22,8 +22,9 @@ def clip_polygons(
     """Write the triangles of the requested polygons (P,) to ``faces`` (n - 2 P, 3).
 
     ``points`` (n, 2) are the concatenated corners of the polygons, each in counterclockwise order,
-    and ``corners`` their vertex numbers. Return whether each polygon (P,) failed because it
-    intersects itself. The triangles of failed polygons are not changed.
+    and ``corners`` (n,) their vertex numbers. A polygon with k corners (``sizes``) has k - 2 rows
+    in ``faces``. Return whether each polygon (P,) failed because it intersects itself. The
+    triangles of failed polygons are not changed.
     """
     failed = np.zeros(sizes.size, dtype=np.bool_)
     start, face = 0, 0
@@ -43,11 +44,12 @@ def clip_polygons(
 
 @kernel
 def _clip_ears(points: FloatArray) -> IndexArray:
-    """Return the triangles (n - 2, 3) of corners (n, 2), or fewer if no ears remain.
+    """Return the triangles (n - 2, 3) of one polygon with corners (n, 2) by ear clipping.
 
     The most even ear is cut first. Flat ears wait, because cutting their neighbours may improve
-    them. A simple polygon always has an ear; one that intersects itself may have none. Each cut
-    affects only the two neighbouring corners. The time grows with the square of n.
+    them. A simple polygon always has an ear. For one that intersects itself, the result has fewer
+    triangles if no ear remains. Each cut affects only the two neighbouring corners. The time grows
+    with the square of n.
     """
     count = len(points)
     before, after = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
@@ -78,7 +80,11 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 
 @kernel
 def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float:
-    """Return the evenness of an ear (twice its area over its longest side squared), else 0."""
+    """Return the evenness of the triangle a, b, c if it is an ear of the polygon; 0 if not.
+
+    Evenness is twice the area over the square of the longest side. ``after`` is the next remaining
+    corner of each corner.
+    """
     area = _turn(points, a, b, c)
     if area <= 0:
         return 0.0
@@ -100,7 +106,7 @@ def _ear(points: FloatArray, a: int, b: int, c: int, after: IndexArray) -> float
 
 @kernel
 def _turn(points: FloatArray, a: int, b: int, c: int) -> float:
-    """Return twice the signed area of a triangle."""
+    """Return twice the signed area of the triangle a, b, c; positive if counterclockwise."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return float(ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0]))
 

@@ -21,7 +21,7 @@ def read_gltf(opened: Opened) -> FileContents:
     """Read all triangles of a scene in its rest pose: transformed, morphed and skinned.
 
     glTF files repeat a vertex if its texture coordinates or normals are discontinuous. Vertices at
-    the same position are merged if this closes cracks.
+    the same position are therefore merged if this makes the boundary of the surface shorter.
     """
     document = Document(opened)
     contents = joined(placed_parts(document))
@@ -56,7 +56,7 @@ def placed_parts(document: Document) -> list[Part]:
 
 
 def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
-    """Return the numbers of the accessors that determine the vertex positions of a primitive."""
+    """Return the indices of the accessors that determine the vertices of a glTF primitive."""
     attributes = of(primitive, "attributes", dict, {})
     targets = of(primitive, "targets", list, [])
     places = [of(entry, "POSITION", int, -1) for entry in (attributes, *targets)]
@@ -65,7 +65,10 @@ def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
 
 
 def joined(parts: list[Part]) -> FileContents:
-    """Return the vertices and faces of all parts, merged by position if this closes cracks."""
+    """Return the vertices and faces of all parts as one surface.
+
+    Vertices at the same position are merged if this makes the boundary of the surface shorter.
+    """
     arrays = {id(part.points): part.points for part in parts}
     starts = np.cumsum([0, *(len(points) for points in arrays.values())])
     start_of = dict(zip(arrays, starts.tolist(), strict=False))
@@ -86,9 +89,10 @@ def _boundary_length(contents: FileContents) -> int:
 def shaped(
     document: Document, part: Part, node: dict[str, Any], matrix: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return the vertices (n, 3) of a part placed by a node, and whether they are mirrored.
+    """Return the positions (n, 3) of a part in the scene, and whether the part is mirrored.
 
-    A skin replaces the transformation of the node. ValueError if the data are invalid.
+    The part belongs to the mesh of a ``node``, whose transformation is ``matrix`` (4, 4). A skin
+    replaces this transformation. ValueError if the data are invalid.
     """
     points = _morphed(document, part, node)
     if (skin := of(node, "skin", int, None)) is not None:
@@ -100,7 +104,7 @@ def shaped(
 
 
 def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray:
-    """Return the vertices displaced by the weighted sum of the morph targets."""
+    """Return the vertices (n, 3) of a part, displaced by the weighted sum of its morph targets."""
     targets = of(part.primitive, "targets", list, [])
     mesh = document.entry("meshes", of(node, "mesh", int, None))
     holder = node if "weights" in node else mesh
@@ -120,7 +124,10 @@ def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray
 def _skinned(
     document: Document, part: Part, points: FloatArray, skin: int
 ) -> tuple[FloatArray, bool]:
-    """Return the vertices moved by the weighted joints of a skin, and whether they are mirrored."""
+    """Return points (n, 3) moved by the joints of a skin, and whether the part is mirrored.
+
+    Each vertex is moved by the weighted mean of the matrices of its joints.
+    """
     matrices = document.joint_matrices(skin)
     attributes = of(part.primitive, "attributes", dict, {})
     joints, weights = [], []

@@ -66,7 +66,10 @@ def _material(document: Document, entry: dict[str, Any], texture: Any) -> Materi
 
 
 def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None) -> FloatArray:
-    """Return texture coordinates (F, 3, 2) from the lower left corner; NaN if there are none."""
+    """Return texture coordinates (F, 3, 2) of corners, counted from the lower left of the image.
+
+    They are NaN if the part has no texture or no texture coordinates.
+    """
     transform = of(of(texture or {}, "extensions", dict, {}), "KHR_texture_transform", dict, {})
     usual = of(texture or {}, "texCoord", int, 0)
     name = f"TEXCOORD_{of(transform, 'texCoord', int, usual)}"
@@ -87,7 +90,7 @@ def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None)
 
 
 def _colors(document: Document, part: Part) -> FloatArray:
-    """Return the colours of corners (F, 3, 4) in sRGB, or 1 if there are none."""
+    """Return the vertex colours of corners in sRGB with opacity, (F, 3, 4); 1 if there are none."""
     colors = np.ones((*part.faces.shape, 4))
     index = of(of(part.primitive, "attributes", dict, {}), "COLOR_0", int, None)
     if index is not None:
@@ -103,7 +106,7 @@ def _at_corners(document: Document, part: Part, index: int, shape: str) -> Float
 
 
 def _srgb(colors: FloatArray) -> FloatArray:
-    """Convert linear colours (..., 4) to sRGB; only colours in images are sRGB in glTF."""
+    """Convert linear colours (..., 4) to sRGB; in glTF only the colours of images are sRGB."""
     found = colors.copy()
     x = found[..., :3]
     curved = 1 - 1.055 * (1 - x ** (1 / 2.4))  # in this form exactly 1 for x = 1

@@ -44,7 +44,10 @@ _TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a t
 
 
 def of(entry: Any, name: str, kind: type, default: Any) -> Any:
-    """Return the value of a JSON object under a name, or raise a ValueError for another type."""
+    """Return the value of a JSON object under a name, or the default if it has no such name.
+
+    ValueError if the entry is not an object, or the value is not of type ``kind``.
+    """
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
         raise ValueError(f"the value of {name} is not {_TYPE_NAMES[kind]}, as glTF requires")
@@ -59,7 +62,10 @@ def indices_of(entry: dict[str, Any], name: str) -> list[int]:
 
 
 def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
-    """Return the numbers (count,) of a JSON object under a name."""
+    """Return the list of ``count`` numbers of a JSON object under a name, as an array (count,).
+
+    ValueError for another value. The message describes the object by ``what``.
+    """
     found = of(entry, name, list, None)
     are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
     if not are_numbers or len(found) != count:
@@ -68,7 +74,10 @@ def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node")
 
 
 class Part(NamedTuple):
-    """Vertices (n, 3), faces and JSON of a primitive; shared vertices are the same array."""
+    """Vertices (n, 3), faces (F, 3) and JSON object of a glTF primitive.
+
+    Primitives that share vertices have the same array of vertices.
+    """
 
     points: FloatArray
     faces: IntArray
@@ -96,7 +105,10 @@ class Document:
         self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
 
     def count(self, entries: int) -> None:
-        """Add to the count of vertices and faces; raise a ValueError if they exceed the limit."""
+        """Add a number of vertices or faces to the total; raise a ValueError above the limit.
+
+        The limit depends on the size of the file.
+        """
         self._counted += entries
         size = self._size + self._references.size
         if self._counted > max(_ENTRIES_MIN, size // _BYTES_EACH):
@@ -106,7 +118,7 @@ class Document:
             )
 
     def placements(self) -> Iterator[tuple[dict[str, Any], FloatArray]]:
-        """Yield every node that has a mesh, and its transformation (4, 4), parents first."""
+        """Yield every node that has a mesh, and its transformation (4, 4); parents come first."""
         pending = [(root, np.eye(4)) for root in self._roots()]
         seen = self._matrices
         while pending:
@@ -127,7 +139,7 @@ class Document:
             pending.extend((child, seen[index]) for child in children)
 
     def joint_matrices(self, skin: int) -> FloatArray:
-        """Return the matrices (J, 4, 4) of the joints of a skin, which move its vertices."""
+        """Return the matrices of the joints of a skin, (J, 4, 4), which move its vertices."""
         if skin not in self._joints:
             entry = self.entry("skins", skin)
             joints = indices_of(entry, "joints")
@@ -188,7 +200,7 @@ class Document:
             yield Part(points, faces, entry)
 
     def numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """Return the numbers of an accessor, shape (count, columns)."""
+        """Return the numbers of an accessor of type ``shape``, such as "VEC3": (count, columns)."""
         entry, name = self.entry("accessors", index), f"accessor {index}"
         if "bufferView" not in entry and "sparse" not in entry:
             raise ValueError(
@@ -214,7 +226,10 @@ class Document:
     def _viewed(
         self, entry: dict[str, Any], count: int, kind: np.dtype[Any], columns: int, name: str
     ) -> NDArray[Any]:
-        """Return numbers (count, columns) stored in a buffer view."""
+        """Return numbers (count, columns) of type ``kind`` from the buffer view of a JSON entry.
+
+        ValueError if they exceed the view or its buffer; the message calls the entry ``name``.
+        """
         view = self.entry("bufferViews", of(entry, "bufferView", int, None))
         data = self._buffer(of(view, "buffer", int, None))
         width, offset = kind.itemsize * columns, of(entry, "byteOffset", int, 0)
@@ -233,7 +248,7 @@ class Document:
         return np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
 
     def _with_entries(self, found: NDArray[Any], sparse: dict[str, Any], name: str) -> NDArray[Any]:
-        """Return a copy of the numbers with the entries of a sparse accessor replaced."""
+        """Return a copy of ``found``, in which a sparse accessor replaces some rows."""
         count = of(sparse, "count", int, 0)
         at, values = (of(sparse, part, dict, {}) for part in ("indices", "values"))
         kind = np.dtype(_KINDS.get(of(at, "componentType", int, 0), "V0"))
@@ -255,9 +270,10 @@ class Document:
     def at_vertices(
         self, part: Part, index: int, shape: str, as_shares: bool = True
     ) -> NDArray[Any]:
-        """Return the rows of an accessor for the vertices of a part.
+        """Return the rows of an accessor, one for each vertex of a part.
 
-        If ``as_shares``, integers are divided by the largest value of their type.
+        If ``as_shares``, integers are divided by the largest value of their type. ValueError if the
+        number of rows is different.
         """
         key = index, shape, as_shares
         if key not in self._arrays:
@@ -274,7 +290,7 @@ class Document:
         return found
 
     def image(self, index: int | None) -> bytes:
-        """Return the bytes of an image; repeated calls return the same object."""
+        """Return the bytes of the image with an index; repeated calls return the same object."""
         entry = self.entry("images", index)
         uri = of(entry, "uri", str, None)
         if uri is not None:
@@ -293,7 +309,7 @@ class Document:
         return self._images[buffer, start, size]
 
     def _buffer(self, index: int | None) -> bytes:
-        """Return the bytes of a buffer, embedded or in a separate file; each is read once."""
+        """Return the bytes of a buffer, embedded or in a separate file; each is read only once."""
         uri = of(self.entry("buffers", index), "uri", str, None)
         if uri is not None:
             return self._named(uri, f"buffer {index}")
@@ -304,7 +320,10 @@ class Document:
         return self._binary
 
     def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes of a data URI, or of the file of a URI; each is read once."""
+        """Return the bytes of a data URI, or of the file of another URI.
+
+        Each is read only once; ``what`` identifies it, and describes it in messages.
+        """
         if what not in self._texts:
             if not uri.startswith("data:"):
                 content = self._references.read(unquote(uri))
@@ -317,7 +336,10 @@ class Document:
         return self._texts[what]
 
     def entry(self, name: str, index: int | None) -> dict[str, Any]:
-        """Return an object of a top-level array of the JSON."""
+        """Return the object at an index of a top-level array of the JSON, such as "nodes".
+
+        ValueError if there is none.
+        """
         entries = of(self._header, name, list, [])
         if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
             raise ValueError(
@@ -350,7 +372,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _faces(corners: IntArray, mode: int) -> IntArray:
-    """Return the triangles (F, 3) of corners in a mode: separate, a strip or a fan."""
+    """Return the triangles (F, 3) of corners, by the glTF mode: separate, a strip or a fan."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     if mode == STRIP:

@@ -15,9 +15,10 @@ from abfm.reading import Opened, number
 
 
 def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
-    """Read an OBJ file with its materials, or with vertex colours after all coordinates.
+    """Read an OBJ file with its materials and colours.
 
-    If ``has_materials`` is False, MTL files are not read.
+    Vertex colours are the three numbers after the coordinates of vertices. If ``has_materials`` is
+    False, MTL files are not read.
     """
     lines, references = _Lines(), References(opened.path)
     materials: dict[str, Material] = {}
@@ -32,7 +33,7 @@ def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
 
 
 class _Lines:
-    """Contents of the lines of an OBJ file that were read so far."""
+    """Vertices, faces and colours from the lines of an OBJ file that were read so far."""
 
     def __init__(self) -> None:
         self._lists, self._places, self._colors = Lists(), array("d"), array("d")
@@ -106,7 +107,10 @@ def _read_mtl(references: References, name: str) -> dict[str, Material]:
 def _with(
     material: Material, keyword: str, words: Sequence[str], references: References
 ) -> Material:
-    """Return a material changed by a line of the MTL file."""
+    """Return a material to which a line of an MTL file is applied: its keyword and its words.
+
+    An image is read by ``references``. Lines with other keywords change nothing.
+    """
     *color, opacity = material.color
     if keyword == "kd":
         color = [min(max(number(word), 0.0), 1.0) for word in (*words, *words, *words)[:3]]

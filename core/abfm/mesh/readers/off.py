@@ -54,9 +54,10 @@ def read_off(opened: Opened) -> FileContents:
 
 
 class _Text:
-    """Body of a text file after the counts: usually one vertex or face on each line.
+    """The vertices and faces of a text file, from the position ``begin``.
 
-    Lines may also break anywhere; the method `contents` tries both layouts.
+    Usually each line is one vertex or face, but lines may also break anywhere. The method
+    `contents` tries both layouts.
     """
 
     def __init__(self, text: str, begin: int, prefix: str, counts: tuple[int, int]) -> None:
@@ -88,12 +89,15 @@ class _Text:
         return _contents(*found)
 
     def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
-        """Return whether sizes and corners make faces; if not, lines do not end as assumed."""
+        """Return whether all faces have at least three corners, which are existing vertices.
+
+        If not, the lines of the file do not break as assumed.
+        """
         smallest, largest = corners.min(initial=0), corners.max(initial=-1)
         return bool(sizes.min(initial=3) >= 3 and smallest >= 0 and largest < len(points))
 
     def _cut_off(self) -> ValueError | None:
-        """Return an error if there are fewer lines than vertices and faces, else None."""
+        """Return an error if the file has fewer lines than vertices and faces; None otherwise."""
         expected = self._vertex_count + self._face_count
         found = sum(1 for _ in islice(_Rows(self._text, self._begin), expected))
         if found == expected:
@@ -104,9 +108,10 @@ class _Text:
         )
 
     def _by_lines(self, width_min: int) -> tuple[_Parts, int]:
-        """Return the parts, read as one vertex or face on each line, and the end of the last line.
+        """Read points, sizes and corners, with one vertex or face on each line.
 
-        Vertices must have at least ``width_min`` numbers.
+        Vertices must have at least ``width_min`` numbers. Also return the position after the last
+        line.
         """
         points, rows = array("d"), _Rows(self._text, self._begin)
         for words in islice(rows, self._vertex_count):
@@ -123,9 +128,10 @@ class _Text:
         return (places, sizes, corners), end
 
     def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray, int]:
-        """Return sizes and corners of faces, one on each line, and the end of the last line.
+        """Read faces, one on each line, from the position ``begin`` of the text.
 
-        A colour may follow the corners of a face.
+        Return the number of corners of each face, the concatenated corners, and the position after
+        the last line. A colour may follow the corners of a face.
         """
         lists, rows = Lists(), _Rows(self._text, begin)
         for words in islice(rows, self._face_count):
@@ -142,7 +148,7 @@ class _Text:
         return sizes, corners_of_all, rows.end
 
     def _by_words(self, width: int) -> _Parts:
-        """Return the parts, where lines break anywhere and a vertex has ``width`` numbers."""
+        """Read points, sizes and corners, regardless of lines; a vertex has ``width`` numbers."""
         words = Words(self._text, self._begin)
         table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
             -1, width
@@ -154,7 +160,11 @@ class _Text:
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
-    """Return numbers of columns of a vertex: coordinates, required ones, and all optional ones."""
+    """Return numbers of columns of a vertex according to the prefix of the word OFF, such as "CN".
+
+    They are the number of coordinates, the smallest number of columns, and all possible numbers.
+    The latter depend on the form of the colours.
+    """
     columns = 4 if "4" in prefix else 3
     width = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
     widths = tuple(width + color for color in _COLOR_COLUMNS) if "C" in prefix else (width,)
@@ -162,7 +172,10 @@ def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
 
 
 def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
-    """Return the contents; points with four coordinates are divided by the last one."""
+    """Return the contents of a file with these points and polygons.
+
+    Points with four coordinates are divided by the last one, and polygons are split into triangles.
+    """
     if points.shape[1] == 4:
         if (points[:, 3] == 0).any():
             raise ValueError("the file has points at infinity, with a fourth coordinate of 0")

@@ -80,7 +80,10 @@ def read_stl(opened: Opened) -> FileContents:
 
 
 def _text_of_stl(data: bytes) -> str | None:
-    """Return the text of a file; None if it is binary, even if it begins with "solid"."""
+    """Return the text of an STL file; None if the file is binary.
+
+    Some binary files also begin with "solid".
+    """
     head = decoded(data[:_STL_HEADER], "replace")
     is_text = "\0" not in head and head.lstrip()[:5].lower() in ("solid", "")
     return decoded(data, "replace") if is_text else None
@@ -92,10 +95,11 @@ def _binary_corners(data: bytes, count: int) -> FloatArray:
 
 
 def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
-    """Return the number of triangles, and notes if the header and the length of the file disagree.
+    """Return the number of triangles of a binary STL file, and notes about a wrong header.
 
-    The length determines the number if the header announces no triangles, or if all bytes form
-    complete triangles, as in VTK and MeshLab. Otherwise the bytes after the triangles are ignored.
+    ``count`` is the number in the header, and ``body`` the number of bytes after the header. The
+    latter determines the result if the header announces no triangles, or if all bytes form complete
+    triangles, as in VTK and MeshLab. Otherwise the bytes after ``count`` triangles are ignored.
     """
     size = _STL_TRIANGLE.itemsize
     if body < size:

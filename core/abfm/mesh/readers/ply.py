@@ -43,7 +43,10 @@ _INTEGER_MAX = 2.0**53  # doubles above it do not represent every integer
 
 
 class _Property(NamedTuple):
-    """A column of an element of a PLY file: a number, or a list of numbers after its length."""
+    """A property of an element of a PLY file: a number, or a list of numbers after its length.
+
+    ``code`` and ``length_code`` are their NumPy types.
+    """
 
     name: str
     code: str
@@ -144,7 +147,10 @@ def _coordinate(columns: PointData, name: str) -> FloatArray:
 
 
 def _name_of_corners(element: _Element) -> str:
-    """Return the name of the list of corners: one of the usual names, or that of the only list."""
+    """Return the name of the list property with the corners of the faces.
+
+    It is one of the usual names, or else the only list. ValueError if there is no such list.
+    """
     lists = [p.name for p in element.properties if p.length_code]
     usual = [name for name in lists if name.lower().replace("_", "") in _CORNERS]
     if not (chosen := usual or lists[: len(lists) == 1]):
@@ -153,7 +159,10 @@ def _name_of_corners(element: _Element) -> str:
 
 
 def _triangles(sizes: IntArray, corners: IntArray) -> tuple[IntArray, IntArray]:
-    """Return sizes and corners of the triangles of lists of strips, which are separated by -1."""
+    """Return the triangles in lists of triangle strips, in which -1 separates the strips.
+
+    The result has the sizes (all 3) and the concatenated corners of the triangles.
+    """
     corners = np.insert(corners.astype(np.int64), np.cumsum(sizes), -1)
     ends = np.flatnonzero(corners == -1)
     faces = triangles_of_strips(np.diff(ends, prepend=-1) - 1, corners[corners != -1])
@@ -170,7 +179,10 @@ def _colors(element: _Element, columns: PointData) -> FloatArray | None:
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
-    """Return the byte order, empty for text, and the elements announced by the header."""
+    """Return the byte order and the elements that the header of a PLY file announces.
+
+    The byte order is empty for text.
+    """
     kinds = (words[1] for words in header if words[:1] == ["format"] and len(words) > 1)
     kind = next(kinds, "missing")
     if kind not in _ORDERS:
@@ -199,7 +211,7 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return, if each row is one line, the rows without words that the header does not announce."""
+    """Return a text, one row a line, without the words that its header does not announce."""
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
@@ -214,7 +226,10 @@ def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
 
 
 class _Body:
-    """The data after the header: bytes in a byte order, or the words of a text as doubles."""
+    """The data after the header of a PLY file.
+
+    They are bytes in a byte order, or the words of a text, converted to doubles.
+    """
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
         if not order:
@@ -228,9 +243,10 @@ class _Body:
         return self._position == len(self._data)
 
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the requested properties of the next element; of equal names, only the last one.
+        """Read the next element, and return its properties with ``wanted`` names.
 
-        ValueError if the file is cut off, or if the length of a list is negative.
+        If several properties have the same name, only the last one is returned. ValueError if the
+        file is cut off, or if the length of a list is negative.
         """
         step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
         if element.rows * step > len(self._data) - self._position:
@@ -252,7 +268,7 @@ class _Body:
         return np.dtype(self._order + code if self._order else "=d")
 
     def _walk(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
-        """Return the wanted properties of an element with lists, whose rows differ in size."""
+        """Return the properties with ``wanted`` names of an element with lists, read row by row."""
         found: dict[str, tuple[bytearray, array[int]]] = {}
         steps = []
         for p in element.properties:

@@ -10,9 +10,9 @@ BYTES_MAX = 1 << 28  # total size of the files that a file refers to
 
 
 class References:
-    """Reader of the files that a file refers to; their total size is limited.
+    """Reader of the files that a mesh file refers to; their total size is limited.
 
-    The files must be in the folder of the file or below it. A path from another computer often
+    They must be in the folder of the mesh file or below it. A path from another computer often
     leads elsewhere or to no file. In this case a file of the same name in the folder is read,
     regardless of upper and lower case.
     """
@@ -24,7 +24,10 @@ class References:
         self._names_in_folder: dict[str, str] | None = None
 
     def read(self, name: str) -> bytes:
-        """Return the bytes of a file, read once; OSError if unreadable, ValueError if refused."""
+        """Return the bytes of the file with a name; each file is read only once.
+
+        OSError if the file is not readable, ValueError if it is refused.
+        """
         path = self.find(name)
         if path not in self._contents:
             content = read_bytes(path, self._budget)
@@ -34,7 +37,10 @@ class References:
         return self._contents[path]
 
     def spend(self, count: int, what: str) -> None:
-        """Subtract bytes from the budget; raise a ValueError if it is exceeded."""
+        """Subtract a count of bytes from those still allowed; raise a ValueError if too few remain.
+
+        The message calls the data ``what``.
+        """
         self._budget -= count
         if self._budget < 0:
             raise ValueError(

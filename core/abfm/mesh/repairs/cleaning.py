@@ -2,7 +2,7 @@
 
 The removal of a face without area must not leave a hole. If two of its corners are very close, they
 are merged, so that the faces on both sides of it meet. Otherwise one corner lies on the longest
-side. Then the neighbour at that side is split at this corner.
+side. Then the neighbour at the longest side is split at this corner.
 """
 
 from __future__ import annotations
@@ -72,8 +72,7 @@ def _merge_short_sides(draft: Draft) -> None:
 def _drop_repeated(draft: Draft) -> None:
     """Drop faces that have the vertices of an earlier face, in any order.
 
-    If repeated faces form a wall attached to a surface that continues below, both copies are
-    dropped.
+    If repeated faces form a wall on a surface that continues below it, both copies are dropped.
     """
     first, group = equal_rows(np.sort(draft.faces, axis=1))
     is_repeat = first[group] != np.arange(len(draft.faces))
@@ -98,8 +97,9 @@ def _drop_repeated(draft: Draft) -> None:
 def _remove_flat(draft: Draft) -> None:
     """Remove faces without area, and split their neighbours so that no hole remains.
 
-    The neighbour at the longest side is split at the opposite corner. The face with the longest
-    side is removed first: the neighbour at that side has area, or does not exist.
+    The neighbour at the longest side of a face is split at the corner opposite this side. The face
+    with the longest side is removed first. Its neighbour at that side, if there is one, therefore
+    has area.
     """
     is_flat = flat_faces(draft.vertices, draft.faces)
     count = int(is_flat.sum())
@@ -129,7 +129,7 @@ def _remove_flat(draft: Draft) -> None:
 
 
 class _Patch:
-    """Faces around those without area, with their neighbours, while the latter are removed."""
+    """Part of a mesh around the faces without area, changed while these are removed."""
 
     def __init__(self, draft: Draft, near: IntArray) -> None:
         self.vertices = draft.vertices
@@ -142,7 +142,7 @@ class _Patch:
             self._add(face, corners)
 
     def enqueue(self, faces: list[int]) -> None:
-        """Add the faces without area to the queue, with the corner opposite the longest side."""
+        """Add those of the faces that have no area to the queue of faces to remove."""
         corners = np.array([self.faces[face] for face in faces])
         lengths = side_lengths(self.vertices, corners)
         for k in np.flatnonzero(flat_faces(self.vertices, corners)).tolist():
@@ -150,7 +150,10 @@ class _Patch:
             heapq.heappush(self.queue, entry)
 
     def remove_flat(self, face: int, corner: int) -> int:
-        """Remove a face and split its neighbours opposite a corner; return their number."""
+        """Remove a face without area; split its neighbours at the side opposite a corner.
+
+        The neighbours are split at this corner. Return the number of neighbours.
+        """
         if face not in self.faces:
             return 0
         ends = self._remove(face)
@@ -190,8 +193,8 @@ def _sides(corners: list[int]) -> list[tuple[int, int]]:
 def _attached_sheets(draft: Draft) -> BoolArray:
     """Return whether each face (F,) belongs to a sheet attached to a surface that continues.
 
-    A sheet is a set of faces connected by edges with two faces. It is attached if each of its other
-    edges has three faces, two of which belong to the same larger sheet.
+    A sheet is a set of faces connected by edges with two faces. It is attached if each edge with
+    more faces has exactly three, and the two others belong to the same sheet of larger area.
     """
     _, edges = edges_of_faces(draft.faces, len(draft.vertices))
     uses = np.bincount(edges.ravel())

@@ -32,10 +32,10 @@ def keep_largest_component(draft: Draft) -> None:
 
 
 def keep_hemisphere(draft: Draft, side: str) -> str:
-    """Keep the components of one hemisphere, see `hemispheres`.
+    """Keep the components of one hemisphere ("L" or "R"), see `hemispheres`.
 
-    A surface of one component is not changed. If the hemispheres are ordered by their place in the
-    file, return a text about it, else an empty one.
+    A surface of one component is not changed. If the order in the file distinguishes the
+    hemispheres, return a text about it, such as ", the first in the file"; otherwise an empty one.
     """
     name = HEMISPHERES[side]
     component = components(draft)
@@ -60,12 +60,12 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
 
 
 def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:
-    """Return whether each face (F,) belongs to the left hemisphere; None without hemispheres.
+    """Return whether each face (F,) is of the left hemisphere; None if there are no hemispheres.
 
     The hemispheres are two large components of similar area. The left one has the smaller x; every
     other component belongs to the hemisphere with the closer middle. Hemispheres at the same place,
-    such as spheres, are ordered as in the file. The left one comes first and ends where the other
-    begins. The second result is True in that case.
+    such as spheres, are ordered as in the file: the left one ends before the other begins. In that
+    case the second result is True, otherwise False.
     """
     component, areas = components(draft), _areas(draft)
     sizes = np.bincount(component, areas)

@@ -14,11 +14,12 @@ _PAIRS_MAX = 30_000_000
 
 
 def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> None:
-    """Merge vertices that are connected by steps of at most a distance into the first of them.
+    """Merge groups of close vertices into the first vertex of each group.
 
-    If the distance is True, it is 1e-6 of the diagonal of the bounding box. If faces must not
-    collapse (``may_collapse``), it is also at most half the shortest edge. A number must be smaller
-    than the shortest edge, or than the median one if faces may collapse.
+    Vertices of a group are connected by steps of at most a distance. If the distance is True, it is
+    1e-6 of the diagonal of the bounding box, and at most half the shortest edge. A number must be
+    smaller than the shortest edge. If faces are allowed to collapse (``may_collapse``), there is no
+    limit for True, and a number must be smaller than the median edge.
     """
     first, place = equal_rows(draft.vertices)
     points = draft.vertices[first]
@@ -42,7 +43,10 @@ def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> 
 
 
 def _merging_distance(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
-    """Return the largest distance at which vertices are merged, or raise a MeshError."""
+    """Return the distance up to which vertices are merged, see `merge_vertices`.
+
+    MeshError if the requested distance is too large.
+    """
     lengths = side_lengths(draft.vertices, draft.faces)
     lengths[lengths == 0] = np.inf
     face = int(lengths.min(axis=1).argmin())
@@ -64,7 +68,10 @@ def _merging_distance(draft: Draft, distance: bool | float, may_collapse: bool) 
 
 
 def _check_crowding(points: FloatArray, reach: float) -> None:
-    """Raise a MeshError if points are so dense that a search for pairs would take too long."""
+    """Raise a MeshError if the search for pairs within ``reach`` would take too long.
+
+    This is the case if many points are close to each other.
+    """
     low = points.min(axis=0)
     size = max(reach, 1e-12 * float((points - low).max())) or 1.0
     cells = np.floor((points - low) / size).astype(np.int64)

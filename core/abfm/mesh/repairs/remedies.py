@@ -17,7 +17,7 @@ Attempt = Callable[[MeshOptions], Draft]
 
 
 class DefectError(MeshError):
-    """A defect of a mesh, and advice for the case that no option helps."""
+    """A defect of a mesh, with advice that is given if no loading option helps."""
 
     def __init__(self, problem: str, advice: str) -> None:
         super().__init__(f"{problem}. {advice}")
@@ -31,10 +31,11 @@ def with_remedies(
     can_merge: bool,
     merging_joins: bool,
 ) -> MeshError:
-    """Return an error that advises options with which the mesh can be used, if there are any.
+    """Return an error about a defect, which advises options with which the mesh can be used.
 
-    ``can_merge`` is True if vertices share a position, and ``merging_joins`` if merging them joins
-    components.
+    ``attempt`` loads the mesh with other options. If no options help, the error has the usual
+    advice of the defect. ``can_merge`` is True if vertices share a position, and ``merging_joins``
+    if merging them joins components.
     """
     last = ""
     for group in _candidates(options, can_merge, merging_joins):
@@ -57,10 +58,11 @@ def with_remedies(
 def _candidates(
     options: MeshOptions, can_merge: bool, merging_joins: bool
 ) -> Iterator[list[MeshOptions]]:
-    """Yield groups of options to try.
+    """Yield groups of options to try, the preferred ones first.
 
-    The advice is the option that keeps most faces in the first group that works. In a group of two
-    hemispheres, both must work. Merging comes first because it also closes seams.
+    The first group that works is advised. A group of two hemispheres works if both can be loaded.
+    In other groups one must work, and the option that keeps most faces is advised. Merging comes
+    first because it also closes seams. For the parameters see `with_remedies`.
     """
     merges = [replace(options, merge=True)] * can_merge + [options] * (not merging_joins)
     cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
