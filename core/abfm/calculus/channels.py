@@ -57,7 +57,7 @@ def with_checked_shape(
 
 
 def vertex_count_text(mesh: TriangleMesh) -> str:
-    """Return a clause with the number of vertices of a mesh, and of its file if they differ."""
+    """Return a text with the number of vertices of a mesh, and of its file if they differ."""
     count, in_file = counts_of(mesh)
     if count == in_file:
         return f"the mesh has {count} vertices"
@@ -97,7 +97,10 @@ def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
 
 
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
-    """Check a function (V,) or (V, C), of the file or the mesh, and return its channels (C, V)."""
+    """Check a function and return its channels (C, V), with V vertices of the mesh.
+
+    The values have shape (V,) or (V, C), in the order of the mesh or of its file.
+    """
     array = mesh.restrict(with_checked_shape(mesh, at_vertices(mesh, values, name), name))
     bad = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
     if len(bad):

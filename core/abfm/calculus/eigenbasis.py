@@ -45,7 +45,7 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
 
 
 def unit_eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the `eigenbasis` of the mesh scaled to unit area, whatever its unit of length."""
+    """Compute the `eigenbasis` of the mesh scaled to unit area, which has no unit of length."""
     return eigenbasis(mesh.normalized(), k)
 
 

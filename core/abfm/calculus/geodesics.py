@@ -113,7 +113,7 @@ def surface_distance(mesh: TriangleMesh, sources: IntArray) -> FloatArray:
 
 @per_mesh
 def _least_height(mesh: TriangleMesh) -> float:
-    """Return the smallest ratio of the height of a face to its longest edge."""
+    """Return the smallest ratio of height to longest edge among the faces."""
     corners = mesh.normalized().vertices[mesh.faces]
     squares = (np.diff(corners[:, [0, 1, 2, 0]], axis=1) ** 2).sum(axis=2).max(axis=1)
     return float((2 * face_areas(mesh.normalized()) / squares).min())

@@ -253,8 +253,9 @@ def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return ``G_F Delta_H``, the symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
     The quadratic form is the squared norm of the divergence at edges plus that of the curl at inner
-    vertices. If both were at vertices, half of all fields would be in the kernel. If both were at
-    edges, the spectrum would be wrong. The boundary condition is ``v . n = 0`` and ``curl v = 0``.
+    vertices. If divergence and curl were both at vertices, half of all fields would be in the
+    kernel. If they were both at edges, the spectrum would be wrong. The boundary condition is ``v .
+    n = 0`` and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)

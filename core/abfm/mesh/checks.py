@@ -371,9 +371,9 @@ def _orient_consistently(draft: Draft) -> None:
 def _prefers_other_side(draft: Draft, flip: BoolArray, piece: IntArray) -> BoolArray:
     """Return for each piece of the surface whether its orientation must be reversed.
 
-    ``piece`` (F,) is the label of the piece of each face. ``flip`` (F,) are the faces whose
+    ``piece`` (F,) is the label of the piece of each face. ``flip`` (F,) is True for faces whose
     reversal makes the orientation of each piece consistent. A piece with a boundary is reversed if
-    most of its faces are in ``flip``. A closed piece is reversed if its normals would point inward.
+    most of its faces would be flipped, and a closed piece if its normals would point inward.
     """
     a, b, c = np.moveaxis((draft.vertices - draft.vertices.mean(axis=0))[draft.faces], 1, 0)
     volume = np.einsum("fx,fx->f", a, np.cross(b, c)) * np.where(flip, -1, 1)

@@ -74,7 +74,7 @@ def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
     twins = np.empty(size + 3 * len(outer), dtype=np.int64)
     twins[inner] = inner[:, ::-1]
     twins[new], twins[outer] = outer, new
-    # around the boundary: a face that ends at a fan is followed by the face that begins there
+    # on the boundary, the face whose edge ends at a fan precedes the one whose edge begins there
     fans = mesh.corner_fans.ravel()
     before, after = np.argsort(fans[ends], kind="stable"), np.argsort(fans[start], kind="stable")
     twins[new[before] + 2], twins[new[after] + 1] = new[after] + 1, new[before] + 2

@@ -36,7 +36,7 @@ _DRAWN_KINDS = ("vertex", "line", "line3", "polyline")
 def has(source: Any, *names: str) -> bool:
     """Return whether an object, not a class, has attributes of all these names.
 
-    Objects that raise an error when they are accessed do not have them.
+    The result is False if the access to an attribute raises an error.
     """
     try:
         return not isinstance(source, type) and all(hasattr(source, name) for name in names)

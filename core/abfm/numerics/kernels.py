@@ -83,7 +83,7 @@ class _Cache:
 
 
 def kernel(function: Kernel) -> Kernel:
-    """Compile a function with numba, with the settings that the module describes."""
+    """Compile a function with the settings of this module, and with fused multiply-adds."""
     return _compiled(function, {"contract"})
 
 

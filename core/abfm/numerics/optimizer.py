@@ -23,7 +23,7 @@ _RELATIVE_ROUNDING = 1e-16
 
 
 class Evaluation(Protocol):
-    """Energy and gradient at a point."""
+    """Energy and gradient at a point, which may be computed on access."""
 
     @property
     def energy(self) -> float: ...
@@ -74,12 +74,12 @@ class Iterate(Generic[Point]):
 
 @dataclass(frozen=True, eq=False)
 class LBFGS(Generic[Point]):
-    """Minimise an energy by L-BFGS with a strong Wolfe line search.
+    """Minimisation of an energy by L-BFGS with a strong Wolfe line search.
 
-    ``evaluate`` returns the evaluation at an array; the energy may be infinite. The gradient is
-    computed only where it is needed, at the latest before the next evaluation. ``precondition``
-    applies ``H_0``, a symmetric positive definite approximation of the inverse Hessian. Without it
-    ``H_0`` is the usual multiple of the identity, ``<s, y> / <y, y>``.
+    ``evaluate`` returns the `Evaluation` at an array; its energy may be infinite. Its gradient is
+    accessed only if it is needed, and for the first time before the next call of ``evaluate``.
+    ``precondition`` applies ``H_0``, a symmetric positive definite approximation of the inverse
+    Hessian. Without it ``H_0`` is the usual multiple of the identity, ``<s, y> / <y, y>``.
     """
 
     evaluate: Callable[[FloatArray], Point]
@@ -157,9 +157,10 @@ class LBFGS(Generic[Point]):
         """Return the next iterate; store a pair only if the curvature along the step is positive.
 
         A preconditioner is scaled by the square root of the usual ``<s, y> / <y, H_0 y>``. The
-        mismatch has a far larger curvature than the norm that ``H_0`` inverts, but along few
-        directions. Unscaled, every step is cut to 1e-5 of its length. With the full factor,
-        directions without pairs get too small steps, and thin parts converge more slowly.
+        mismatch term of the energy has a far larger curvature than the norm that ``H_0`` inverts,
+        but along few directions. Without scaling, every step is cut to 1e-5 of its length. With the
+        full factor instead of its root, directions without pairs get too small steps, and thin
+        parts of the surface converge more slowly.
         """
         gradient = trial.point.gradient
         preconditioned, norm = self._preconditioned(gradient)

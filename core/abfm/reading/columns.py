@@ -273,15 +273,15 @@ def counts_of(mesh: Numbering) -> tuple[int, int]:
 def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int) -> int:
     """Return the axis of an array that belongs to the vertices.
 
-    It is the ``preferred`` one if its size is in ``counts``, or if no size is; otherwise the first
-    axis whose size is.
+    It is an axis whose size is one of ``counts``: the ``preferred`` one, or else the first. If
+    there is none, the ``preferred`` one is returned.
     """
     fitting = [axis for axis, size in enumerate(shape) if size in counts]
     return preferred if preferred in fitting or not fitting else fitting[0]
 
 
 def even_times(step: float, count: int, begin: float = 0.0) -> FloatArray | None:
-    """Return evenly spaced times (count,) in seconds; None if the step is 0, negative or NaN."""
+    """Return evenly spaced times (count,) in seconds; None unless they are finite and increase."""
     is_step = step > 0 and math.isfinite(begin + step * count)
     return begin + step * np.arange(count, dtype=np.float64) if is_step else None
 

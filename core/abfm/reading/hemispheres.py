@@ -46,6 +46,6 @@ def named_side(path: str | os.PathLike[str]) -> str | None:
 
 
 def side_of(structure: str | None) -> str | None:
-    """Return "L" or "R" for an anatomical structure such as ``CortexLeft``, or None."""
+    """Return "L" or "R" for an anatomical structure such as ``CortexLeft``; None for others."""
     endings = {"Left": "L", "Right": "R"}
     return next((side for end, side in endings.items() if (structure or "").endswith(end)), None)

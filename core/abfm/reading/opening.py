@@ -1,8 +1,7 @@
 """Opening of files of any format: decompression and detection of the format.
 
-The format is detected by the first bytes if it has a signature, else by the ending of the name.
-Contents that are not data (a Git LFS pointer, a web page, an archive) are refused; the message
-describes them.
+The format is detected by the first bytes if it has a signature, else by the ending of the name. A
+Git LFS pointer, a web page or an archive is refused with a message that names it.
 """
 
 import os

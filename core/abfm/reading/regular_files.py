@@ -96,8 +96,8 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 def inflated(data: bytes, size_max: int | None = None) -> bytes:
     """Decompress data of gzip or zlib.
 
-    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes. The default
-    is `inflated_size_max`.
+    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes. By default
+    the limit is the `inflated_size_max` of the compressed size.
     """
     bound = inflated_size_max(len(data)) if size_max is None else size_max
     try:

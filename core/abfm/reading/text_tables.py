@@ -313,7 +313,7 @@ def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
 
 
 def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None:
-    """Raise a ValueError if each comma in the rows may be decimal or separate columns."""
+    """Raise a ValueError if the commas in rows may be decimal or separate columns."""
     if integers:
         return
     if not names and all(

@@ -170,10 +170,10 @@ class _Parser:
             self._values.append((unquote(name), values.reshape(-1, columns).astype(np.float64)))
 
     def _cells_of(self, count: int, size: int) -> Cells:
-        """Read ``count`` cells, stored in ``size`` numbers; return their sizes and corners.
+        """Read cells; return the number of corners of each cell, and the concatenated corners.
 
-        In old files, the number of corners precedes the corners of each cell. In new ones, offsets
-        precede all corners.
+        In old files, ``size`` numbers follow: for ``count`` cells, the number of corners and then
+        the corners. In new files, ``count`` offsets and then ``size`` corners follow.
         """
         if _OFFSETS.match(self._data, self._begin):
             offsets = self._numbers(count, self._words()[1]).astype(np.int64)

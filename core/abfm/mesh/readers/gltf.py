@@ -45,7 +45,7 @@ def placed_parts(document: Document) -> list[Part]:
                 document.count(len(part.points))
                 placed[key] = shaped(document, part, node, matrix)
             document.count(len(part.faces))
-            points, is_mirrored = placed[key]  # faces of mirrored parts keep their outer side
+            points, is_mirrored = placed[key]  # mirroring turns the outer side of faces inward
             faces = part.faces[:, ::-1] if is_mirrored else part.faces
             parts.append(Part(points, faces, part.primitive))
         if len(parts) > PARTS_MAX:

@@ -16,10 +16,10 @@ _PAIRS_MAX = 30_000_000
 def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> None:
     """Merge groups of close vertices into the first vertex of each group.
 
-    Vertices of a group are connected by steps of at most a distance. If the distance is True, it is
-    1e-6 of the diagonal of the bounding box, and at most half the shortest edge. A number must be
-    smaller than the shortest edge. If faces are allowed to collapse (``may_collapse``), there is no
-    limit for True, and a number must be smaller than the median edge.
+    Vertices of a group are connected by steps of at most ``distance``, which must be smaller than
+    the shortest edge. If it is True, the distance is 1e-6 of the diagonal of the bounding box, and
+    at most half the shortest edge. ``may_collapse`` allows faces to collapse: a number must then be
+    smaller than the median edge, and True has no upper limit.
     """
     first, place = equal_rows(draft.vertices)
     points = draft.vertices[first]
