@@ -1,4 +1,4 @@
-"""Sparse Cholesky factorisation by cholespy; by SciPy's SuperLU on systems without its wheels."""
+"""Sparse Cholesky factorisation by cholespy, or by SciPy's SuperLU if cholespy is missing."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContex
 
 
 class _Factor:
-    """A factorisation by cholespy.
+    """A factorisation by cholespy, which can be called to solve a system.
 
     A factorisation that outlives the interpreter, in a global variable or a thread, is reported on
     stderr as a memory leak. All factorisations are therefore released when Python ends.

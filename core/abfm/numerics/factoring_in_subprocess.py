@@ -11,7 +11,7 @@ _unknowns_min: ContextVar[float] = ContextVar("smallest system in a subprocess",
 
 @contextmanager
 def factoring_in_subprocess(unknowns: float = _UNKNOWNS_MIN) -> Iterator[None]:
-    """Factor systems of at least ``unknowns`` unknowns in subprocesses, in this thread.
+    """Let this thread factor systems of at least ``unknowns`` unknowns in subprocesses.
 
     Systems with long rows count as larger. cholespy blocks all threads while it factors, for seven
     seconds at 160,000 vertices. Code that runs while a window is open therefore uses this context.

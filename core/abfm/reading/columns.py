@@ -83,7 +83,7 @@ class Columns:
             )
 
     def table(self) -> FloatArray:
-        """Return the rows of the file, (n, C)."""
+        """Return the values as a table (n, C) with the rows of the file."""
         return as_float64(self.values.reshape(len(self.values), -1))
 
     def on(self, mesh: Numbering) -> Columns:

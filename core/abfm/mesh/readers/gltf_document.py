@@ -167,7 +167,7 @@ class Document:
         return [index for index in nodes if index not in below]
 
     def parts(self, mesh: int) -> Iterator[Part]:
-        """Yield the vertices and faces of the primitives of a mesh that have triangles."""
+        """Yield a `Part` for each primitive with triangles of a mesh."""
         positions_of: dict[int, FloatArray] = {}
         for entry in of(self.entry("meshes", mesh), "primitives", list, []):
             if not isinstance(entry, dict):
