@@ -100,7 +100,7 @@ def put_between(page: Path, name: str, text: str) -> None:
 
 
 def bench(*words: str) -> None:
-    """Run ``abfm bench`` with the given words, followed by the options of this process."""
+    """Run ``abfm bench`` with the given arguments, followed by the arguments of this process."""
     sys.argv[1:1] = ["bench", *words]
     run_module("abfm_viewer.cli", run_name="__main__")
 

@@ -78,8 +78,8 @@ class Trial:
 def map_problems(meshes: Mapping[str, TriangleMesh], seed: int = 0, count: int = 6) -> list[Trial]:
     """Return ``count`` problems of each mesh: first problem 0 of all meshes, then problem 1, ...
 
-    Combinations of size, length and smoothness alternate. Problem k of a mesh depends only on the
-    seed, the mesh and its name.
+    Combinations of the flow's size and smoothness and the texture's length scale alternate. Problem
+    k of a mesh depends only on the seed, the mesh and its name.
     """
     kinds = list(product(SIZES, LENGTHS, SMOOTHNESSES))
     found = []

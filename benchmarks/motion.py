@@ -77,13 +77,16 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return a mask (F,) of faces where neither the frame is flat nor the field slow."""
+        """Return a mask (F,) of faces on which the frame is not flat and the true field is not slow."""
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)
 
     def errors(self, frame: int, found: FloatArray) -> Errors:
-        """Return the errors of a computed field (F, 3), which moves a frame to the next."""
+        """Return the errors (angle, speed) of a field (F, 3) that moves a frame to the next.
+
+        They are medians over the faces of `is_determined`. The true field is `field`.
+        """
         faces = self.is_determined(frame)
         a, b = found[faces], self.field[faces]
         sizes, wanted = (np.linalg.norm(v, axis=1) for v in (a, b))

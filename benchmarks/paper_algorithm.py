@@ -31,11 +31,11 @@ _ENERGY_RATIO_MAX = 1e3
 
 
 def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
-    """Return ``exp(t matrix) x`` at ``intervals + 1`` even times from 0 to ``end``, one per row.
+    """Return ``exp(t matrix) x`` at ``intervals + 1`` evenly spaced times t, one per row.
 
-    This is ``exp_tspan`` of Algorithm 1. The result is infinite if the matrix is so large that it
-    would take minutes. The span always starts at 0: with other starts, results of SciPy were wrong
-    by many orders of magnitude.
+    The times are from 0 to ``end``. This is ``exp_tspan`` of Algorithm 1. The result is infinite if
+    the matrix is so large that it would take minutes. The span always starts at 0: with other
+    starts, results of SciPy were wrong by many orders of magnitude.
     """
     if intervals == 0:
         return x[None]

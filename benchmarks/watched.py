@@ -46,7 +46,7 @@ class WatchedMatch:
 def watched_match(
     problem: Problem, seconds: float = inf, energy: float = -inf, mismatch: float = -inf
 ) -> WatchedMatch:
-    """Match until the time limit, or until energy or mismatch on the mesh itself are low enough."""
+    """Solve a match, or stop early after a time, or at an energy or mismatch on the mesh itself."""
     control = Control()
     functions = problem.functions
     # the paper's mismatch is relative to the norm of the target

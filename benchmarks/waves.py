@@ -42,7 +42,7 @@ FRAMES = 6
 WAVELENGTH = 16.0
 """Wavelength in mean edge lengths, where the phase has its root mean square slope."""
 
-# number of the eigenfunction whose gradient is the field, and of the one that is the phase
+# indices of the eigenfunctions whose gradient is the field, and that are the phase
 _FIELDS = {"travelling": 1, "rotating": 1, "source and sink": 4}
 _PHASES = {"travelling": 1, "rotating": 2, "source and sink": 4}
 
@@ -76,7 +76,10 @@ class Case(NamedTuple):
     noise: float
 
     def errors(self) -> FloatArray:
-        """Return the errors (3, 2) of Horn-Schunck, of separate and of coupled intervals."""
+        """Return the errors (3, 2) of three methods, with columns for the angle and the speed.
+
+        The methods are Horn-Schunck, and sequences with separate and with coupled intervals.
+        """
         moving = wave(_mesh(self.surface), self.kind, self.displacement)
         return compared(sequences(moving.mesh, moving.noisy(self.noise)), moving.errors)
 

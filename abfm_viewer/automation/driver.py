@@ -32,9 +32,9 @@ _CLICKABLE_KINDS: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind 
 _OPEN_SECONDS_MAX = 120.0
 _OVERSHOOT_PIXELS = 10.0  # beyond the end of a slider
 _TOOLTIP_FRAMES = 30  # until a tooltip is shown
-_GRAB_PADDING_PIXELS = 2.0  # of ImGui
+_GRAB_PADDING_PIXELS = 2.0  # padding of a slider's grab in ImGui
 _ZOOMS = (1.0, 4.0)  # tried to make a vertex visible
-_PICK_PIXELS_MAX = 12.0  # from a vertex, for a pick in a backend that draws nothing
+_PICK_PIXELS_MAX = 12.0  # maximum distance of a vertex from a click, without drawing
 _SHIFT = ("shift",)
 
 
@@ -206,7 +206,7 @@ class Driver:
             )
         now = ends.nearest(float(widget.text))
         x, y = _on_slider(widget, value)
-        # beyond an end, so that rounding cannot miss it
+        # drag beyond the end of the slider, so that rounding cannot miss it
         x += {ends.low: -_OVERSHOOT_PIXELS, ends.high: _OVERSHOOT_PIXELS}.get(value, 0)
         self.search.point_at(widget, partial(_on_slider, value=now))
         self.input.drag(self.input.place, (x, y))

@@ -75,7 +75,7 @@ def program_status(program: str, run: Callable[[], int]) -> int:
         try:
             os.fstat(number)
         except OSError:  # the parent process has closed it
-            # open takes the lowest free number, which a result file must not get
+            # takes the stream's number, which a result file would otherwise get
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     out, errors = _SafeStream(sys.stdout, 1), _SafeStream(sys.stderr, 2)
     sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)

@@ -38,7 +38,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
     A terminal shows a bar. Elsewhere one line is printed per tenth of a counted step, and per ten
     iterations. A warning that persists is printed once, even if ``quiet``.
     """
-    printed = "", 0  # a step and its tenths
+    printed = "", 0  # the step printed last, and its finished tenths
     warned = 0  # consecutive iterations with a warning
 
     def print_progress(completed: float, text: str, line: str) -> None:

@@ -16,7 +16,7 @@ _ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # ending of any file name
 _NOT_IN_NAMES = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # characters that Windows refuses
 _WIDTH = 640
 _HEIGHT = 480
-_MARGIN_ROWS = 200  # drawn above and below the visible rows
+_MARGIN_ROWS = 200  # number of rows drawn above and below the visible rows
 
 
 @dataclass(frozen=True)

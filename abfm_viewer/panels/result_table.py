@@ -49,9 +49,9 @@ _SPARE_COLUMNS: tuple[Name, ...] = (
 _HINT = "in names and reasons"
 _REFRESH_TIP = "Read the folder now. It is also checked every two seconds."
 _CLOSE_TIP = "Close the table. The surfaces stay the same."
-_MARGIN_ROWS = 3  # drawn above and below the visible rows
+_MARGIN_ROWS = 3  # number of rows drawn above and below the visible rows
 _ENDS = Memo[FloatArray]()
-# height at a scale of 1, and as a share of the height for surfaces and table
+# height in pixels at a scale of 1, and its maximum share of the height of surfaces and table
 _HEIGHT = 236
 _HEIGHT_SHARE = 0.4
 _HEIGHT_MIN = 130
@@ -179,7 +179,7 @@ def _width(ui: Ui, column: Name) -> float:
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
     """Return the position of the lower end of each row, (n,), in pixels below the headings.
 
-    Reasons wrap in a column of ``width`` pixels; 0 if this column is hidden.
+    ``width`` is the width of the column of reasons, in which they wrap, or 0 if it is hidden.
     """
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
@@ -223,7 +223,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
-    """Draw an arrow at the right of a heading; it points down if the rows are sorted to fall."""
+    """Draw an arrow at the right of a heading: down for descending order, otherwise up."""
     (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
     size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
     tip, base = (y + size, y - size) if falls else (y - size, y + size)

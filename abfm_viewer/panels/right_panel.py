@@ -1,4 +1,4 @@
-"""The column at the right: the solver, and a tab for each step of the work."""
+"""The column at the right: the solver, and the tabs Functions, Match, Look and Export."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -22,9 +22,10 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
 from abfm_viewer.widgets.toolkit import HELP_LABEL, TextTone, Ui
 
-# minimum, so that the parts below seldom move: six lines, or four lines and a row of buttons
+# minimum height of the state, so that the parts below seldom move: six lines of text, or four
+# lines and a row of buttons
 _STATE_HEIGHT = 130
-_STATE_SHARE = 0.3  # largest share of a low panel
+_STATE_SHARE = 0.3  # maximum height of the state, as a share of the panel
 _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
 _BAR_HEIGHT = 8  # as in the viewport; leaves space for three lines and a warning

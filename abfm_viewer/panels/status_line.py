@@ -42,7 +42,10 @@ def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
 
 
 def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
-    """Return the longest text that fits into ``room`` pixels, with the longest details."""
+    """Return the longest text that fits into ``room`` pixels, with the longest details.
+
+    Both are given from longest to shortest. Details are shortened before the text.
+    """
     for text, more in product(texts, details):
         if ui.text_width(text) + ui.text_width(more) + ui.px(_DETAILS_GAP) * (more != "") <= room:
             return text, more

@@ -19,12 +19,12 @@ from abfm_viewer.scene.opengl import ps
 Pixels = NDArray[np.uint8]
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
-# samples along a side of a pixel, and the maximum of samples in a picture
+# by samples along a side of a pixel: maximum number of samples in a picture
 _SAMPLES_MAX = {4: 40e6, 3: 80e6, 2: 140e6}
 _SIDE_SAMPLES_MAX = 16384  # along a side of a picture, a limit of graphics cards
 _START_SIZE = 64
 _DISC_SAMPLES = 4  # along a side of a pixel of a disc
-# polyscope's tone mapping
+# constants of polyscope's tone mapping
 _GAMMA = 2.2
 _WHITE = 0.75
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

@@ -117,8 +117,8 @@ class DocumentRenderer:
     ) -> Iterator[Pixels]:
         """Yield the frames (H, W, 3) of a movie between two times.
 
-        During the movie the surfaces turn by ``turntable`` degrees, and streaks repeat their phases
-        ``cycles`` times. The movie can be repeated without a jump of the streaks.
+        During the movie, the surfaces turn by ``turntable`` degrees, and moving streaks complete
+        ``cycles`` cycles. The movie can be repeated without a jump of the streaks.
         """
         if self._document.view.error:
             self._scene.painter.largest_error = max(map(self._error, (start, end)))

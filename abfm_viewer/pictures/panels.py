@@ -25,7 +25,7 @@ from abfm_viewer.shown.ribbons import unit
 from abfm_viewer.shown.streak_texture import streak_texture
 
 _INK = (0.1, 0.1, 0.12)
-# in linear light
+# colours of points, in linear light
 POINT_COLORS = (
     (1.0, 0.45, 0.0),
     (0.45, 0.1, 0.75),

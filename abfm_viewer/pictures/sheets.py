@@ -21,15 +21,15 @@ from abfm_viewer.scene.annotations import Pen, bar_parts
 from abfm_viewer.scene.surfaces import Camera
 from abfm_viewer.widgets.widget_record import Rect
 
-# of sheets without a given size, in pixels
+# maximum sizes of sheets without a given size, in pixels
 WIDTH_MAX = 1400
 PANEL_HEIGHT_MAX = 450
-# of sheets of matches
+# sizes of sheets of matches and sequences, in pixels
 DEFAULT_WIDTH = 1400
 _DEFAULT_HEIGHT = 545
 _SCALE_MIN = 0.6
 _SHEET_ASPECT = 2.4
-_SEQUENCE_TIMES = 6  # on a sheet of a sequence
+_SEQUENCE_TIMES = 6  # number of times on a sheet of a sequence
 _ASPECTS = (0.45, 1.9)  # minimum and maximum of width over height of a panel of a figure
 # The following sizes are in pixels at a scale of 1.
 MARGIN = 30
@@ -235,9 +235,9 @@ def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
 
 
 def grid(count: int, aspect: float, size: tuple[int, int] | None = None) -> Layout:
-    """Return a layout of ``count`` panels of an aspect, which are as large as possible.
+    """Return a layout in which ``count`` panels of an aspect (width over height) are large.
 
-    Without ``size``, the aspect (width over height) of the sheet is about 2.4.
+    Without ``size``, the sheet itself has an aspect of about 2.4.
     """
     width, height = size or (DEFAULT_WIDTH, None)
     scale = 1.0

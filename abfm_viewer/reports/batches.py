@@ -81,7 +81,7 @@ class Best(NamedTuple):
     closest: SummaryRow  # the row with the smallest residual
     least_distorted: SummaryRow | None  # the row whose map changes areas least, if known
     reached: bool  # whether the compared rows reached their target
-    # names of the rows without another row that is better in residual and in area change
+    # names of rows for which no other row is better in both residual and area change
     undominated: frozenset[str]
 
     def to_dict(self) -> dict[str, str | None]:

@@ -1,4 +1,4 @@
-"""The only module that imports polyscope, and its start.
+"""Import and start of polyscope, which no other module imports.
 
 Without libX11 the import of polyscope fails, and without libEGL it crashes. On a machine that
 cannot draw, importing this module or calling `start` raises a `DrawingError` of one line.

@@ -29,7 +29,7 @@ from abfm_viewer.shown.tracks import KINDS
 _ARROWS = "arrows"
 _LINES = "flow lines"
 _PATHS = "paths of points"
-# quantities of arrows
+# names of polyscope's quantities of arrows
 _INK = "ink"
 _OPACITY = "opacity"
 _ISOLINES = "isolines of "  # followed by the name of the surface
@@ -39,7 +39,7 @@ _POINTS_NOW = "followed points"
 _STARTS = "starts of points"
 _POINTS = (_POINTS_NOW, _STARTS, *_POINT_NAMES.values())
 _LIFT = 0.0025  # height above the curved surface, which would hide a flat strip, in sqrt(area)
-# in half widths of the shaft
+# size of an arrowhead on a line, in half widths of the line
 _HEAD_WIDTH = 2.6
 _HEAD_LENGTH = 7.5
 _HEAD_LENGTH_SHARE_MAX = 0.55  # of the longest smooth section of a line
@@ -246,7 +246,7 @@ def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb
     options = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
     # backs are culled, so that no ribbon is visible beyond an outline
     drawn = ps.register_surface_mesh(name, places, faces, back_face_policy="cull", **options)
-    # polyscope reuses the transform of an earlier structure of the same name; also below
+    # polyscope would reuse the transform of an earlier structure of the same name
     drawn.reset_transform()
 
 
@@ -268,7 +268,7 @@ class Overlays:
 
     def __init__(self, shown: Shown, on_redraw: Callable[[str], object]) -> None:
         self._shown, self._on_redraw = shown, on_redraw
-        # name: surface and inputs
+        # by name of the structure: its surface and the inputs of its drawing
         self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}
         self._eye = Memo[Eye]()
         self._visible_arrows: object = None  # inputs of the last choice of visible arrows

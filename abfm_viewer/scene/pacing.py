@@ -13,10 +13,10 @@ from abfm_viewer.session.session import Session
 _SLOW_REDRAW = 0.025
 _FRAMES_PER_SLOW_REDRAW = 30
 _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 frames per second, drawing takes a fifth of the time
-_FIRST_COUNT = 3  # pictures of a run that do not wait: its start and first motion
-_TEXTURE_WAIT_RATIO = 2.0  # wait between textures of moving streaks, in times of a redraw
+_FIRST_COUNT = 3  # number of a run's first pictures, which are drawn at once
+_TEXTURE_WAIT_RATIO = 2.0  # wait between textures of moving streaks, in redraw times
 STILL_SECONDS = 0.2  # seconds without motion after which the surfaces are drawn with more samples
-# samples along a side of a pixel, maximum of pixels of the window, maximum of seconds to draw it
+# samples along a side of a pixel; maximum pixels of the window; maximum seconds to draw it
 _SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 

@@ -88,7 +88,7 @@ class Scene:
         ps.set_background_color([*theme.linear(ground), 1.0])
         fronts = [self._front(slot) for slot in ("advected", "source")]
         has_fronts = all(front is not None for front in fronts)
-        # without a front nothing is shown, because the surfaces would turn when it is known
+        # nothing is shown until the front is known, because the surfaces would then turn
         names = view.shown_surfaces if has_fronts else ()
         self._register({name: self.mesh(name) for name in names})
         if not has_fronts:
@@ -469,7 +469,7 @@ class Placing:
     """Transforms that move structures into their slots, and slice planes that clip them there."""
 
     def __init__(self) -> None:
-        # names, because a handle that outlives its plane damages later ones at its address
+        # names instead of handles: a handle of a removed plane can damage a plane at its address
         self._planes: list[str] = []
         self._sides: list[_Side] = []
         self._inputs: object = None
@@ -490,7 +490,7 @@ class Placing:
             # parallel projection along z, with the origin in the middle of the window
             half, radius = window[1] / (2 * view.scale), view.radius
             ps.set_view_projection_mode("orthographic")
-            ps.set_length_scale(radius)  # visible: depths of 20 times, heights of twice this
+            ps.set_length_scale(radius)  # depths of 20 and heights of 2 such lengths are visible
             ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * radius)))))
             ps.look_at_dir((0.0, 0.0, _VIEWER_DISTANCE * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             self._place_planes(view, window)

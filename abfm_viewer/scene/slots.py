@@ -15,7 +15,7 @@ from abfm_viewer.document.document import ZOOM_MAX, ZOOM_MIN, Layout
 from abfm_viewer.widgets.widget_record import Rect
 
 _MARGIN = 0.04  # on each side of a surface, relative to the smaller side of the slot
-# weights, as exponents, of the size from the front and of the share of used places
+# exponents of the front view's size and of the share of used slots in the rating of a layout
 _FRONT_POWER = 0.8
 _FILL_POWER = 0.5
 _SURFACE_PIXELS_MIN = 8.0  # height of a surface in any window

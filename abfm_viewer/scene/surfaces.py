@@ -120,7 +120,7 @@ def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
     """Show a paint on a surface, as a quantity of polyscope named after the kind of paint.
 
-    ``square`` is the side of the squares of a checkerboard.
+    ``square`` is the side of the squares of a checkerboard, in the coordinates that it shows.
     """
     kind, values = paint.kind, _drawn_values(mesh, paint)
     options: dict[str, Any] = {"enabled": True}

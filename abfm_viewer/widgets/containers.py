@@ -122,7 +122,7 @@ def child(
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
     imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
-    # a part of unlimited height does not scroll, the one around it does
+    # a part of unlimited height does not scroll, but the part that contains it does
     outer = ui.record.areas[-1] if fits == "at least" else None
     with _ended(ui, imgui.EndChild, rect=outer):
         _keep_scroll(ui, ui.record.path(name))

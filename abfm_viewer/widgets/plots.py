@@ -22,7 +22,7 @@ _FLAGS = (
     | implot.ImPlotFlags_NoMouseText
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
-# smallest factor between the ends of the vertical axis, and margin at each end
+# minimum ratio between the ends of the vertical axis, and margin at each end
 _AXIS_FACTOR_MIN = 2.0
 _MARGIN = 0.1
 _MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))

@@ -35,7 +35,7 @@ _BOX_WIDTH = 76  # of the box next to a slider
 
 
 class Auto(NamedTuple):
-    """Checkbox next to a number, for a choice of this number by the solver."""
+    """Checkbox next to a number; while it is ticked, the solver chooses the number."""
 
     first: float  # value after the checkbox is cleared
     tip: str
@@ -174,9 +174,10 @@ class Ui:
         self.tip(_in_full(text, shown, tip))
 
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
-        """Write a title with a line, and leave space at the right for buttons that are drawn next.
+        """Write a title, followed by a horizontal line up to the right end of the panel.
 
-        A title that is too wide is abbreviated, and complete in the tooltip.
+        The line leaves space for ``buttons``, which are drawn next. A title that is too wide is
+        abbreviated, and complete in the tooltip.
         """
         left, _ = imgui.GetCursorScreenPos()
         right = left + imgui.GetContentRegionAvail()[0]
@@ -206,7 +207,7 @@ class Ui:
     def same_line_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
         """Draw the next checkbox or button on the same line if it fits.
 
-        ``width`` is that of a button, if it is not as wide as its label.
+        ``width`` is the width of a button that is not as wide as its label.
         """
         right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
         style = imgui.GetStyle()

@@ -13,7 +13,7 @@ Rect = tuple[float, float, float, float]  # left, top, right, bottom in window p
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
 WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "marker"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
-# logarithmic sliders that start at 0: share of the slider for 0, and decades on the rest
+# logarithmic sliders from 0: share of the slider for 0, and number of decades on the rest
 _ZERO_SHARE = 0.06
 _DECADES = 6
 

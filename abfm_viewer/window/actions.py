@@ -80,7 +80,7 @@ def _parts(chord: str) -> tuple[imgui.ImGuiKey, bool, bool]:
 
 
 def axis_front(axis: str) -> Front:
-    """Return the front seen from an axis; y points up, or z if the axis is y."""
+    """Return the front seen along an axis; y points up, or z if the axis itself is y."""
     direction = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
     up = np.eye(3)[1] if axis[-1] != "y" else -direction[1] * np.eye(3)[2]
     return Front(triple(direction), triple(up))
@@ -179,7 +179,7 @@ class Actions:
             if action is not None and io.WantTextInput:
                 saves = action in (self.save, self.save_as)
                 self._last_box = context.ui.active_box if saves else ""
-                # another focus makes the text box return its text in the next frame
+                # when the box loses the focus, it returns its text in the next frame
                 imgui.SetWindowFocus("status line")
                 action, self._waiting = None, action
         is_busy = context.files.saving or self._waiting or context.dialogs.is_open

@@ -25,7 +25,7 @@ _DISPLACEMENT = 0.06  # root mean square of the fields, in sqrt(area)
 _NOISE = 0.05  # standard deviation of the noise of the values
 _WAVES = 6  # in each field
 _WAVE_NUMBER_MAX = 2.0  # waves per sqrt(area)
-_OPTIONS = {  # for a result within seconds, not for the best map
+_OPTIONS = {  # options for a result within seconds, not for the best map
     "refine": 0,
     "iterations": 20,
     "sigma": 0.1,

@@ -48,7 +48,7 @@ class Preferences:
         self._latest, self._document = self._present(), session.document.identity
 
     def update(self) -> None:
-        """Store the changes that the user made in this frame, but not those of a project."""
+        """Store the changes that the user made in this frame, but not those by a project."""
         present, document = self._present(), self._session.document.identity
         for name, value in present.items():
             if self._latest[name] != value and document is self._document:

@@ -37,18 +37,18 @@ from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.wave import fsaverage5, wave_document
 
-# of an entry, in pixels at a scale of 1
+# size of a menu entry, in pixels at a scale of 1
 _WIDTH = 420
 _HEIGHT = 50
 _COLUMNS_MIN = 2
 _COLUMNS_MAX = 5
-_HEIGHT_SHARE_MAX = 0.86  # of the menu, relative to the window
+_HEIGHT_SHARE_MAX = 0.86  # maximum height of the menu, relative to the window
 _PICTURES = "pictures of the samples"
 _VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
     5: {"streaks": True, "part": "commuting"},
-    # faded, because it is only noise where it is almost 0
+    # faded, because the field is only noise where it is almost 0
     6: {"streaks": True, "fade": True, "part": "pushed gradient"},
     8: {"error": True},
 }
@@ -177,7 +177,7 @@ def _is_chosen(
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.record_item(name, "item", text="checked" if loaded else "")
-    # for two surfaces that of B
+    # a sample of two surfaces has the thumbnail of B
     pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {description}")

@@ -20,7 +20,7 @@ FRAMES = 24
 STEP = 0.04  # seconds between two frames
 _TURN = 2.2  # rotation about the axis of the spiral, in radians per second
 _WANDER = 1.3  # rotation of this axis about another one, in radians per second
-# of the spiral
+# shape of the spiral: number of arms, twist, and sigma of the match
 _ARMS = 2
 _TWIST = 2.5
 _SIGMA = 0.1
@@ -74,7 +74,7 @@ def wave_document(view: View) -> SequenceDocument:
     from abfm.sequences.frames import check_frames  # imported late: it loads slowly
 
     sequence = FrameSequence("wave", check_frames(surface.mesh, frames, times, None, None))
-    # given, because their choice by held-out data takes about ten seconds
+    # fixed settings, because choosing them by held-out data takes about ten seconds
     settings = SequenceSettings(alpha=1.0, sigma=_SIGMA, order=1)
     return SequenceDocument(
         (surface,), sequence, settings=settings, time=float(times[0]), view=view

@@ -172,7 +172,7 @@ class Window(Context):
         opengl.start(backend, *size, title="abfm")
         ps.set_build_default_gui_panels(False)
         ps.set_open_imgui_window_for_user_callback(False)
-        # polyscope holds the GIL while it waits for the next frame; `frame` waits without it
+        # if polyscope waited for the next frame, it would block other threads; `frame` waits
         ps.set_max_fps(-1)
         ps.set_frame_tick_limit_fps_mode("ignore_limits")
         ps.set_configure_imgui_style_callback(self._restyle)
@@ -208,7 +208,7 @@ class Window(Context):
     def close(self) -> None:
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
-        # otherwise polyscope would refer to this window after Python has ended
+        # otherwise polyscope would call this window after Python has ended
         ps.clear_configure_imgui_style_callback()
         self.files.close()
         if self.recoveries:
