@@ -92,7 +92,7 @@ def map_problems(meshes: Mapping[str, TriangleMesh], seed: int = 0, count: int =
 
 
 def map_distance(first: PointMap, second: PointMap) -> float:
-    """Return the area-weighted mean distance between two maps' images, over sqrt(area)."""
+    """Return the area-weighted mean distance between two maps' images, as a share of sqrt(area)."""
     mesh = first.domain
     distances = np.linalg.norm(first.positions - second.positions, axis=1)
     return float(np.average(distances, weights=vertex_areas(mesh)) / mesh.length_scale)

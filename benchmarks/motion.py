@@ -77,7 +77,10 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return a mask (F,) of faces on which the frame is not flat and the true field is not slow."""
+        """Return a mask (F,) of faces where the frame has a slope and the true field a speed.
+
+        Slopes and speeds below a share of their root mean square do not count.
+        """
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)

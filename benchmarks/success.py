@@ -73,7 +73,10 @@ _MIRROR_DISTANCE_MIN = 0.2  # of a landmark from its image, as a fraction of sqr
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A mesh, and a source and a target as text; some families have no width or distance."""
+    """A random problem: a mesh, and the source and target functions as text.
+
+    Families of functions without a width or a distance have None for it.
+    """
 
     mesh_name: str
     index: int
@@ -163,7 +166,10 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two vertices in a range of distances from it and apart."""
+    """Return a random vertex, and two others whose distances from it are in a range.
+
+    The two others are also distant from each other.
+    """
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -337,7 +343,7 @@ def report_text(report: Report) -> str:
 
 
 def _groups(rows: list[Report]) -> dict[str, list[Report]]:
-    """Group rows by the values of each property in `GROUPS`, except false and empty values."""
+    """Group results by the values of each property in `GROUPS`; ignore false and empty values."""
     groups = {"all": rows}
     for keys in GROUPS:
         for row in rows:

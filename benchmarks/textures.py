@@ -54,7 +54,7 @@ Velocity = Callable[[FloatArray], FloatArray]
 
 
 class PlaneWaves:
-    """A function on space: a sum of random plane waves, of unit variance."""
+    """A function in space: a sum of random plane waves with unit variance."""
 
     def __init__(self, wavelength: float, seed: int) -> None:
         rng = np.random.default_rng(seed)

@@ -117,9 +117,9 @@ class Driver:
             self.window.tick()
 
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
-        """Draw frames until a condition on the session holds, and two more.
+        """Draw frames until a condition on the session is true, and then two more frames.
 
-        Raises `DriverError` if it does not hold within the given time.
+        Raises `DriverError` if it is not true within the given time.
         """
         end = time.monotonic() + seconds
         while not condition(self.session):
@@ -137,7 +137,7 @@ class Driver:
 
     @property
     def errors(self) -> dict[str, str]:
-        """Messages of the parts of the window that raised an error in the latest frame."""
+        """Error messages of the latest frame, by the part of the window that failed."""
         return dict(self.window.errors)
 
     def labels(self) -> list[str]:
@@ -250,10 +250,10 @@ class Driver:
     # Surfaces
 
     def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = _SHIFT) -> None:
-        """Click on a vertex, numbered as in the mesh file; with Shift this moves a Gaussian.
+        """Click on a vertex, numbered as in the mesh file.
 
-        The surfaces turn so that the vertex is visible. Raises `DriverError` if it is hidden from
-        all sides.
+        With Shift, as by default, this moves a Gaussian to the vertex. The surfaces turn so that
+        the vertex is visible. Raises `DriverError` if it is hidden from all sides.
         """
         self.drag_on_surface([vertex], surface, modifiers)
 

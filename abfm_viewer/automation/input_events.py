@@ -25,9 +25,9 @@ _OUTSIDE_PLACE = (-1.0, -1.0)
 
 
 class InputEvents:
-    """Input events like those of a user; the mouse is at `place`.
+    """Simulated input of a user with a mouse, whose position is `place`, and a keyboard.
 
-    ``frames`` draws a number of frames.
+    ``frames`` is a function that draws a number of frames.
     """
 
     def __init__(self, frames: Callable[[int], None]) -> None:
@@ -83,13 +83,13 @@ class InputEvents:
         self._frames(2)
 
     def set_modifier(self, modifier: str, down: bool) -> None:
-        """Press or release a modifier, with effect in the next frame."""
+        """Press or release a modifier key, which takes effect in the next frame."""
         for key in _MODIFIERS[modifier]:
             imgui.GetIO().AddKeyEvent(key, down)
 
     @contextmanager
     def holding(self, modifiers: Sequence[str]) -> Iterator[None]:
-        """Hold modifiers in the block."""
+        """Hold modifier keys during the block."""
         for modifier in modifiers:
             self.set_modifier(modifier, True)
         yield

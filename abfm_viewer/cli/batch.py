@@ -360,7 +360,10 @@ def _status(rows: Sequence[SummaryRow]) -> int:
 
 
 def _line(row: SummaryRow) -> str:
-    """Return ``sub-01: matched (residual 2.1%), in 1.2 s``, or the reason of a failure."""
+    """Return a line about a row: ``sub-01: matched (residual 2.1%), in 1.2 s``.
+
+    If the row failed, the line contains the reason.
+    """
     name, facts = one_line(row.name, 80), row.facts
     if not row.is_known:
         return f"{name}: {facts.outcome}: {facts.reason}"

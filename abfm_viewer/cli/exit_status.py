@@ -140,7 +140,7 @@ class _SafeStream:
 
 @dataclass
 class Interrupt:
-    """The signal that cancelled a work: its number, or None if no signal was received."""
+    """The signal that cancelled the work: its number, or None if no signal was received."""
 
     number: int | None = None
 

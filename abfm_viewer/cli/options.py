@@ -124,7 +124,7 @@ class _HelpAll(argparse.Action):
 
 
 def _with_merge_distance(words: list[str]) -> list[str]:
-    """Return the words with ``--merge=auto`` for each ``--merge`` without a distance."""
+    """Return the command line with ``--merge=auto`` in place of a ``--merge`` without distance."""
     found = []
     for word, following in zip(words, [*words[1:], ""], strict=False):
         is_alone = word == f"--{MERGE}" and not _DISTANCE.fullmatch(following)
@@ -269,14 +269,17 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
 
 
 def load_result(path: str, *expected: type) -> Any:
-    """Read a result of one of these types; warn of stored values that contradict its field."""
+    """Read a result, which must have one of the expected types.
+
+    Warn if values stored in the file contradict the velocity field and were therefore recomputed.
+    """
     result = abfm.load(path, *expected)
     warn_if_recomputed(path, result)
     return result
 
 
 def warn_if_recomputed(path: str, result: object) -> None:
-    """Warn of values in the file of a result that contradict the field of its match."""
+    """Warn if values in the file of a result contradict its velocity field and were recomputed."""
     match = getattr(result, "match", result)
     if load_warning := getattr(match, "load_warning", ""):
         text = f"values stored in {path} do not match its field and were recomputed: {load_warning}"

@@ -109,7 +109,7 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 def row_progress(
     count: int, quiet: bool, title: str = "rows", reported: Collection[str] = ()
 ) -> Iterator[Callable[[str], None]]:
-    """Yield a function to call with a line of text for each finished row.
+    """Show progress; yield a function to call with a line of text for each finished row.
 
     If the ``count`` of rows is 0, they are not counted, and only terminals show progress. Steps
     whose names begin with a word of ``reported`` are shown as well.

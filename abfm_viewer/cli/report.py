@@ -85,7 +85,10 @@ def _loaded(path: str) -> Correspondence:
 def _facts(
     arguments: argparse.Namespace, found: Correspondence, distortion: Distortion
 ) -> dict[str, Any]:
-    """Return the content of the page as plain numbers and texts; None for unknown numbers."""
+    """Return the content of the report's page as plain numbers and texts.
+
+    Unknown numbers are None.
+    """
     name = printable(Path(arguments.input).name)
     facts: dict[str, Any] = {
         "abfm": version("abfm"),

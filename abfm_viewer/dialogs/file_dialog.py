@@ -115,7 +115,7 @@ class FileChoice:
         return self._listing.request((self._reads, folder), lambda: read_folder(folder, suffixes))
 
     def go(self, folder: Path) -> None:
-        """Show a folder, which is read again if it is shown already."""
+        """Show a folder; if it is shown already, read it again."""
         self.folder, self.selected, self.error = folder, "", ""
         self._reads += 1
 
@@ -137,7 +137,11 @@ class FileChoice:
             self.select(listing.entries[min(max(place, 0), len(names) - 1)])
 
     def go_or_take(self, typed: str) -> Path | None:
-        """Return the file of a typed path, or show its folder; if it is neither, set `error`."""
+        """Return a typed file, or show a typed folder and return None.
+
+        In a dialog for saving, a typed file is not returned. Its folder is shown and its name
+        becomes the name to save. If the path is neither, `error` is set.
+        """
         try:
             path = (self.folder / Path(typed.strip()).expanduser()).resolve()
             if path.is_dir():
@@ -248,7 +252,10 @@ class FileDialog:
         return None if taken is None else (taken,)
 
     def _draw_path(self, ui: Ui) -> tuple[Path | None, bool]:
-        """Draw path, Up and Home; return a typed file, and whether the user is typing."""
+        """Draw the path, Up and Home.
+
+        Return the file whose path the user typed, or None, and whether the user is typing.
+        """
         with ui.disabled(self.choice.folder == self.choice.folder.parent):
             if ui.button("Up", "Show the parent folder (Alt+Up)."):
                 self._go_up()

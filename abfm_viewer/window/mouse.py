@@ -46,7 +46,7 @@ class Mouse:
 
     @property
     def dragging(self) -> bool:
-        """Whether the mouse changes a Gaussian or a landmark; the drag is one step of undo."""
+        """Whether the mouse changes a Gaussian or a landmark; a drag is a single undo step."""
         is_dragging = self._edited is not None or self._dragged is not None
         return is_dragging or time.perf_counter() < self._wheel_until
 

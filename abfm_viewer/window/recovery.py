@@ -155,7 +155,7 @@ class Recoveries:
             self._reading = self._recoveries.pop(0)
 
     def _show_question(self, recovery: Recovery) -> None:
-        """Show the question whether to open a copy, as soon as it is read."""
+        """Show the question whether to open a copy, as soon as the copy has been read."""
         show = self._reader.request(recovery, partial(self._read, recovery))
         if show is not None:
             self._reading = None
