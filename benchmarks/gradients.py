@@ -34,7 +34,7 @@ SUBSTEPS = (1, 10, 40)
 SUBDIVISION = 5
 """Number of subdivisions of the icosphere on which the gradients are compared."""
 ITERATIONS = 300
-"""Numbers of iterations of a match, after which the gradients at its field are compared."""
+"""Number of iterations of a match after which the gradients at its field are compared."""
 
 _SOURCE_WIDTH = 0.12  # standard deviation as a fraction of sqrt(area)
 _TARGET_WIDTH = 0.06

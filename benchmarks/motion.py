@@ -16,7 +16,7 @@ from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.types import BoolArray, FloatArray
 
 SMOOTHNESSES = (0.0001, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
-"""Smoothness weights of Horn-Schunck; the tables show the one closest to the known motion."""
+"""Smoothness weights of Horn-Schunck; the tables show the result closest to the known motion."""
 
 
 def error_headings(*methods: str) -> list[str]:

@@ -21,7 +21,7 @@ from abfm.workers import Control, process
 from abfm_viewer import signals
 
 BAD_INPUT_STATUS, UNMATCHED_STATUS, FAILED_STATUS = 2, 3, 4
-"""Bad input, so nothing was done; a target was not reached; some of many problems failed."""
+"""Bad input, nothing was done; a target was not reached; some of several problems failed."""
 _DOUBLE_SIGNAL_SECONDS = 0.1  # `timeout` and terminals may send a signal twice
 
 

@@ -83,7 +83,7 @@ _CHOICES = {
         (*VALUES_ENDINGS, ".map"),
     ),
 }
-"""Choices by their labels."""
+"""Kinds of initial maps, by their labels in the drop-down list."""
 _OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map in the registration file.")}
 
 

@@ -64,7 +64,7 @@ _PARAMETER_TEXTS = {
     "tolerance": _About("tolerance", "", Range(0, 0.1, log=True)),
     "preconditioner": _About("preconditioner", "section 7"),
 }
-"""In the order in which they are drawn."""
+"""Labels of the parameters by name, in the order in which they are drawn."""
 _REMEDIES = {
     "alpha": "Decrease it if the target is missed, increase it if the field is rough.",
     "sigma": "Usually leave it at auto. Decrease it if the residual is too large, increase it if "
@@ -96,7 +96,7 @@ _REMEDIES = {
     "tolerance": "Decrease it if the solver stops too early.",
     "preconditioner": "Use hodge, which is faster on all but the coarsest meshes.",
 }
-"""Advice on changing a parameter, for its tooltip."""
+"""Advice on when to change a parameter, by its name; part of its tooltip."""
 _CHOICES = CHOICES | {"refine": (AUTO, "0", "1", "2")}
 _AUTO = {
     "sigma": Auto(

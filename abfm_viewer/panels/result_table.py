@@ -233,7 +233,7 @@ def _draw_arrow(ui: Ui, falls: bool) -> None:
 
 
 Rows = tuple[tuple[ResultRow, ...], FloatArray]
-"""Rows, and their ends below the headings, (n,) in pixels."""
+"""Rows, and the positions of their lower ends, (n,), in pixels below the headings."""
 
 
 def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows) -> None:

@@ -86,11 +86,11 @@ PANELS: dict[type[Document], Panels] = {
     PairDocument: Panels(solver.draw_match, _PAIR_TABS),
     SequenceDocument: Panels(solver.draw_sequence, _SEQUENCE_TABS),
 }
-"""Panels by the kind of the current document."""
+"""State and tabs that the column shows, by the kind of the current document."""
 # height of a tab at scale 1; if a long verdict leaves less, the complete column scrolls
 _TAB_HEIGHT_MIN = 120
 STEPS = "steps"
-"""Section of the tabs, for the Driver; it distinguishes the tab Match from the button Match."""
+"""Section of the tabs; in the Driver, it distinguishes the tab Match from the button Match."""
 
 
 def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:

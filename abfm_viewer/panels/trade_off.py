@@ -35,11 +35,12 @@ _LIMIT_TIP = "Find the field of smallest residual within the bound."
 _AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
 _TICKS_MAX = 6
 _FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
+# markers of the residual are drawn over the larger ones of the residual along flow lines
 _FLOW_LINE_MARKER_SIZE = 5.5
 _RESIDUAL_MARKER_SIZE = 3.5
 _SHOWN_MARKER_GROWTH = 2.5
 _CLICK_DISTANCE = 16
-"""Pixels at scale 1. Markers of the residual cover those of flow lines, which are larger."""
+"""Maximum distance of a click from a marker, in pixels at a scale of 1."""
 
 
 def path_of(session: Session) -> Steps:

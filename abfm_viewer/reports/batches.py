@@ -17,7 +17,7 @@ ROWS_SHOWN_MAX = 1000  # most rows on a page, which has about 6 MB with their pi
 _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
 _HEADS = ("", "residual", "along flow lines", "folded", "|log2\u00a0J|", "seconds")
 _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
-"""Options of the solution of a problem, not of the problem itself."""
+"""Names of options that change how a problem is solved, but not the problem itself."""
 
 
 class SummaryRow(NamedTuple):

@@ -60,7 +60,7 @@ _CRITICAL_POINT_RADIUS = 0.02
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
 PlacedStructure = tuple[str, str, Any]
-"""The surface of a structure, its name, and polyscope's handle."""
+"""The name of the surface below a structure, the structure's name, and polyscope's handle."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ class Viewport:
 
 
 viewport = per_mesh(Viewport)
-"""Return the coordinates in which a mesh is drawn."""
+"""Function that returns the `Viewport` of a mesh, which is computed once for each mesh."""
 
 
 def register(name: str, mesh: TriangleMesh) -> Any:

@@ -52,7 +52,7 @@ _VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
     6: {"streaks": True, "fade": True, "part": "pushed gradient"},
     8: {"error": True},
 }
-"""Fields of `View` that show more of a figure than its functions."""
+"""Settings of `View` by figure, which show what the figure is about, such as its field."""
 _ON_THE_HUMANS = Channel("gaussian:vertex=145,width=0.18", "gaussian:vertex=700,width=0.18")
 Corner = tuple[float, float]
 
