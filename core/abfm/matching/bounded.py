@@ -30,7 +30,7 @@ _SIGMA_FACTOR = 3.0  # times the first sigma gives fields that are smoother than
 
 
 class _Sigmas(NamedTuple):
-    """Sigma of functions and of landmarks; both fall along a path."""
+    """The parameters sigma and landmark_sigma of one step; both decrease along a path."""
 
     sigma: float
     landmark_sigma: float
@@ -50,8 +50,9 @@ def limit_distortion(
 ) -> Match:
     """Return the match with the smallest residual whose distortion is within a bound.
 
-    Within the bound, no face is folded. In addition, ``|log2 J|`` of areas and ``|log2 R|`` of
-    shapes are at most ``max_distortion`` on 99% of the faces.
+    Within the bound, no face is folded, and ``|log2 J|`` and ``|log2 R|`` are at most
+    ``max_distortion`` on 99% of the faces. ``J`` is the factor by which the area of a face changes.
+    ``R`` is the ratio of the two principal stretches of a face.
 
     If the given match is within the bound, it is the result. Otherwise the result is one of these
     candidates:
@@ -61,10 +62,11 @@ def limit_distortion(
     - scaled fields of steps beyond the bound,
     - matches with a sigma between two steps.
 
-    The result is the candidate within the bound that has the smallest residual of both checks. Its
-    path consists of the steps within the bound. If no candidate is within the bound, the given
-    match is returned; this happens if the initial map of a registration already exceeds the bound.
-    The attribute ``bound`` of the result describes its distortion.
+    The result is the candidate within the bound whose larger residual of both checks is smallest.
+    The checks are the discrete flow and flow lines. The path of the result consists of the steps
+    within the bound. If no candidate is within the bound, the given match is returned; this happens
+    if the initial map of a registration already exceeds the bound. The attribute ``bound`` of the
+    result describes its distortion.
 
     Parameters
     ----------
@@ -107,7 +109,7 @@ def check_bound(max_distortion: float) -> None:
 
 
 class _Search:
-    """A search for the match with the smallest residual within a bound."""
+    """The search of `limit_distortion`, with the best match so far."""
 
     def __init__(
         self,
@@ -152,14 +154,14 @@ class _Search:
         self._set_path()
 
     def _update(self, match: Match) -> bool:
-        """Update the best match if this one is within the bound and has a smaller residual."""
+        """Store a match as the best one if its residual is smaller; return whether it was."""
         is_better = self.best is None or match.worse_residual < self.best.worse_residual
         if is_better:
             self.best = match
         return is_better
 
     def _distortion(self, match: Match) -> float:
-        """Return the distortion that 99% of faces do not exceed; infinite if a face is folded."""
+        """Return the distortion that 99% of the faces do not exceed; inf if a face is folded."""
         bound = self._measure(match).bound(self._max_distortion)
         return math.inf if bound.folded else bound.largest
 
@@ -184,7 +186,12 @@ class _Search:
                 self._update(self._found.with_step(_scaled(beyond, low)))
 
     def _between(self, start: Match, number: int) -> None:
-        """Try sigmas between a step within the bound and the next, from the smoother fields."""
+        """Solve matches with sigma between the best step within the bound and the next step.
+
+        Here ``number`` is the index of the best step, or -1 if only the field without motion is
+        within the bound. The first match starts from the fields of ``start``, later ones from their
+        latest fields within the bound.
+        """
         path = self._found.path
         low = self._sigmas(path[number]) if number >= 0 else self._sigmas(path[0]).smoother()
         later = [each for each in map(self._sigmas, path[number + 1 :]) if each.sigma < low.sigma]
@@ -207,7 +214,7 @@ class _Search:
                 high = middle
 
     def _set_path(self) -> None:
-        """Set the path of the best match to the steps within the bound and its own step."""
+        """Replace the path of the best match by the steps within the bound, including its step."""
         assert self.best is not None
         selected = self.best.path[self.best.step]
         numbers = [i for i, each in enumerate(self._path) if each.velocity is selected.velocity]
@@ -232,5 +239,5 @@ class _Search:
 
 
 def _scaled(step: PathStep, times: float) -> PathStep:
-    """Return a step with scaled fields and without scores of held-out patches."""
+    """Return a step with its fields multiplied by ``times``, without scores of held-out patches."""
     return replace(step, velocity=times * step.velocity, held_out=math.nan, score=math.nan)

@@ -146,7 +146,7 @@ def match(
 
 
 def _verified(problem: Problem, end: PathStep) -> PathStep:
-    """Return a step with its measurements along flow lines."""
+    """Measure a step along flow lines and return it with these measurements."""
     checkpoint()
     energy = MatchingEnergy(problem.refined(end.refined(problem.mesh)))
     with step("checking by flow lines", len(energy.mesh.vertices)):

@@ -8,7 +8,7 @@ from abfm.wording import counted
 
 
 class Cause(StrEnum):
-    """The cause of the outcome of a match or of an interval of a sequence."""
+    """The reason why a match, or an interval of a sequence of frames, has its outcome."""
 
     NONE = "none"
     FIELD_GIVEN = "field given"
@@ -140,10 +140,10 @@ ADVICE: dict[Cause, str] = {
 
 
 def limit_sentence(iterations: int) -> str:
-    """Return the sentence of a run that ended at its limit of iterations."""
+    """Return the sentence that a run stopped at its limit of iterations."""
     return f"the run stopped at the limit of {counted(iterations, 'iteration')}"
 
 
 def sentence_of(cause: Cause, **details: object) -> str:
-    """Return the sentence of a cause, with these details."""
+    """Return the sentence of a cause; ``details`` are the values of its placeholders."""
     return SENTENCES[cause].format(**details)

@@ -34,7 +34,7 @@ _STOP_SENTENCES = {
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A match and its verdict, from which `facts` makes its facts."""
+    """The verdict and measurements of a match, which the method `facts` puts into words."""
 
     verdict: Verdict
     evidence: Evidence
@@ -170,7 +170,8 @@ class Report:
 def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
     """Return the headline of an outcome, such as ``nearly matched (residual 8%)``.
 
-    The residual is omitted if the outcome is bad or does not follow from the size of the residual.
+    The residual is omitted if the outcome is bad. It is also omitted if ``residual`` and ``goal``
+    alone would give another outcome.
     """
     phrase = "nearly matched" if outcome is Outcome.NEARLY else str(outcome)
     by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
@@ -182,9 +183,10 @@ def _residual(residual: float) -> str:
 
 
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTopic, str]:
-    """Return the warning of a good result whose map changes areas strongly; empty if there is none.
+    """Return the warning, by topic, that the map of a good result changes areas strongly.
 
-    ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
+    The dictionary is empty if ``log2_area_95`` is at most `LOG2_AREA_GOOD`, or if the outcome is
+    bad. ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
     """
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return {}
@@ -194,7 +196,7 @@ def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTo
 
 
 def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """Return the numbers of facts, with None for values that are not finite."""
+    """Return numbers by name; None replaces infinite numbers and NaN."""
     return {name: finite(number) for name, number in numbers.items()}
 
 

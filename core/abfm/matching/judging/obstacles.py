@@ -1,4 +1,4 @@
-"""Obstacles to a match that the functions show before the first iteration."""
+"""Obstacles to a match that can be found before the first iteration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from abfm.wording import share, value
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A reason why functions cannot match: its outcome, cause and details of the sentence."""
+    """A reason why functions cannot match: outcome, cause and details of the sentence about it."""
 
     outcome: Outcome
     cause: Cause
@@ -25,12 +25,12 @@ class Obstacle:
 
 
 def expected_facts(problem: Problem) -> Facts | None:
-    """Return the obstacles to a match that are known before it is solved.
+    """Return facts about the obstacle that is known before a match is solved; None without one.
 
-    The outcome is ``impossible`` if no flow can match the functions in both directions. It is
-    ``nearly`` if their peaks or pits differ, as a flow cannot match the functions there. The
-    outcome is the same for the reverse match. None if there is no obstacle, or if the functions
-    already agree within the goal.
+    The outcome is ``impossible`` if no flow can match f to g, or none can match g to f. It is
+    ``nearly`` if peaks, pits or boundary values differ, as no flow can match the functions there.
+    The outcome is the same if f and g are exchanged. If the functions already agree within the
+    goal, there is no obstacle.
     """
     functions = problem.functions
     if problem.is_of_landmarks or not functions.weights.any():
@@ -68,7 +68,7 @@ def obstacle(functions: FunctionTerm) -> Obstacle | None:
 
 
 def missing_values(functions: FunctionTerm) -> Obstacle:
-    """Return the obstacle that one function has values outside the range of the other."""
+    """Return the obstacle that a function has values outside the range of the other function."""
     channel = solvability.worst_channel(functions)
     bound = solvability.range_bound(functions)
     bound_of_reverse = solvability.range_bound(functions.reversed())
@@ -89,7 +89,7 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
 
 
 def differing(functions: FunctionTerm) -> Obstacle | None:
-    """Return the obstacle of different peaks, pits or boundary values; None if there is none."""
+    """Return the obstacle that peaks, pits or boundary values differ; None if they seem equal."""
     found = solvability.first_difference(functions)
     if found is None:
         return None

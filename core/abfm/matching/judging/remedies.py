@@ -60,7 +60,7 @@ CONTINUE_REMEDY = Remedy("Continue", "continue from this field", {}, True)
 
 
 class Remedies:
-    """Remedies of a match, with values relative to its parameters and its last sigma."""
+    """The possible remedies of a match, with values derived from its parameters and last sigma."""
 
     def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
         self._functions, self._parameters = functions, parameters
@@ -71,21 +71,23 @@ class Remedies:
 
     @property
     def is_beyond_reach(self) -> bool:
-        """Whether the target lies beyond the reach, by the straight distance in space."""
+        """Whether the straight distance from source to target exceeds the parameter ``reach``."""
         return self._parameters.solver.reach < solvability.distance(self._functions)
 
     @property
     def has_small_reach(self) -> bool:
-        """Whether the reach is too small for the target, or smaller than the default.
+        """Whether the parameter ``reach`` is too small for the target, or below its default.
 
-        The distance along the surface may be larger than the straight distance.
+        A value below the default may be too small, because the distance along the surface may be
+        larger than the straight distance.
         """
         return self.is_beyond_reach or self._parameters.solver.reach < _DEFAULTS.solver.reach
 
     def more_iterations(self) -> Remedy:
-        """Return a run with more iterations.
+        """Return the remedy of more iterations.
 
-        The number is at least the default, as a match also stops by itself.
+        Their number is at least the default, because a match that needs fewer iterations stops
+        earlier.
         """
         count = min(
             max(
@@ -96,7 +98,7 @@ class Remedies:
         return Remedy("More time", f"use more iterations, such as {count}", {"iterations": count})
 
     def larger_reach(self) -> Remedy:
-        """Return a run that searches for the target over a larger distance."""
+        """Return the remedy of a search for the target over a larger distance."""
         p, usual = self._parameters, _DEFAULTS.to_dict()
         needed = _rounded(max(solvability.distance(self._functions), _DEFAULTS.solver.reach))
         values = {name: usual[name] for name in _CONTINUATION_NAMES} if not p.solver.reach else {}
@@ -111,9 +113,9 @@ class Remedies:
         return Remedy("Reach further", words, changed)
 
     def more_consistent(self) -> Remedy | None:
-        """Return a run whose discrete flow agrees better with flow lines; None if unknown.
+        """Return a remedy that makes the discrete flow and flow lines agree; None if unknown.
 
-        Parameters that let both disagree return to their defaults.
+        It changes a likely cause of the disagreement: the reach, order and alpha, or sigma.
         """
         p = self._parameters
         if self.is_beyond_reach:
@@ -126,7 +128,7 @@ class Remedies:
         return self.much_smaller_sigma() if self.has_large_sigma else None
 
     def finer_mesh(self) -> Remedy | None:
-        """Return a run on a finer mesh, from the present field.
+        """Return the remedy of a finer mesh, which starts from the present field.
 
         None if the mesh is already subdivided `REFINE_MAX` times, or if the method does not refine
         meshes.
@@ -140,9 +142,9 @@ class Remedies:
         )
 
     def larger_alpha(self) -> Remedy:
-        """Return a run with a larger alpha.
+        """Return the remedy of a larger alpha.
 
-        It starts without motion, because no smoother field is near the present one.
+        The run starts without motion, because no smoother field is near the present one.
         """
         alpha = min(
             _rounded(_PARAMETER_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), ALPHA_MAX
@@ -150,9 +152,10 @@ class Remedies:
         return Remedy("Smoother", f"use a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_alpha(self) -> Remedy | None:
-        """Return a run with the default alpha; None unless the present one is much larger.
+        """Return the remedy of the default alpha; None unless alpha is over ten times the default.
 
-        It starts without motion, because the field may have moved to a wrong place.
+        The run starts without motion, because the present field may have moved the source to a
+        wrong place.
         """
         alpha = _DEFAULTS.alpha
         if self._parameters.alpha <= _LARGE_ALPHA_FACTOR * alpha:
@@ -160,16 +163,16 @@ class Remedies:
         return Remedy("Less smooth", f"use a smaller alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_sigma(self) -> Remedy:
-        """Return a run with a smaller sigma, from the present field."""
+        """Return the remedy of a smaller sigma, which starts from the present field."""
         sigma = max(_rounded(self._sigma / _PARAMETER_FACTOR), VALUE_MIN)
         words = f"use a smaller sigma, such as {sigma:g}"
         return Remedy("Match closer", words, {"sigma": sigma}, True)
 
     def smaller_landmark_sigma(self) -> Remedy | None:
-        """Return a run with a smaller landmark_sigma.
+        """Return the remedy of a smaller landmark_sigma.
 
-        None if landmarks alone are matched with at most the default, below which their errors do
-        not fall.
+        None if only landmarks are matched and landmark_sigma is at most its default. Smaller values
+        would not reduce their errors.
         """
         is_usual = self._parameters.landmark_sigma <= _DEFAULTS.landmark_sigma
         if is_usual and self._functions.is_constant:
@@ -179,7 +182,7 @@ class Remedies:
         return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
 
     def much_smaller_sigma(self) -> Remedy:
-        """Return a run with a much smaller sigma, which starts without motion."""
+        """Return the remedy of a much smaller sigma, which starts without motion."""
         least = _DEFAULTS.last_sigma if self.has_large_sigma else VALUE_MIN
         sigma = max(_rounded(self._sigma / _SIGMA_FACTOR), least)
         return Remedy("Match closer", f"use a smaller sigma, such as {sigma:g}", {"sigma": sigma})

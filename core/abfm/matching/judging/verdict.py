@@ -60,17 +60,17 @@ class Verdict:
 
     @property
     def why(self) -> str:
-        """The interpretation of the residuals; empty if none is needed."""
+        """The interpretation of the residuals (the reason after its colon), or an empty string."""
         return self.reason.partition(": ")[2]
 
     @property
     def topic(self) -> str:
-        """Name of the section of ``abfm.troubleshooting`` on the cause, or else on the outcome."""
+        """The section of ``abfm.troubleshooting`` on the cause or, if there is none, on the outcome."""
         return str(self.kind if self.cause is Cause.NONE else self.cause)
 
     @property
     def change(self) -> str:
-        """The first and the last residual."""
+        """The part of the reason with the first and the last residual (before its colon)."""
         return self.reason.partition(": ")[0]
 
     @property
@@ -80,7 +80,7 @@ class Verdict:
 
     @classmethod
     def of_texts(cls, texts: Sequence[str], remedies: tuple[Remedy, ...] = ()) -> "Verdict":
-        """Return the verdict of stored `texts`; ValueError if outcome or cause are unknown."""
+        """Return the verdict of stored `texts`; ValueError if the outcome or cause is unknown."""
         kind, cause, reason, advice = texts
         if kind not in VERDICTS:
             expected = ", ".join(VERDICTS)
@@ -95,20 +95,28 @@ class Verdict:
         return Verdict(kind, reason, ADVICE.get(cause, ""), (), cause)
 
     def for_step(self, sigma: float) -> "Verdict":
-        """Return the verdict of a single step, without the stop reason and advice of the match."""
+        """Return the verdict for one step of the continuation; its reason states ``sigma``.
+
+        The reason why the match stopped and the advice are dropped, because they refer to the last
+        step. The outcomes ``matched`` and ``impossible`` keep their verdict.
+        """
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
         return self.with_cause(self.kind, Cause.SELECTED_STEP, sigma=sigma)
 
     def with_bound(self, bound: Bound) -> "Verdict":
-        """Return the verdict of a field whose residual is limited by a bound of distortion."""
+        """Return the verdict of a match whose distortion was limited by a bound.
+
+        If the map satisfies the bound, the bound is the cause. The outcomes ``matched`` and
+        ``impossible`` keep their verdict.
+        """
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_satisfied:
             return self
         return self.with_cause(self.kind, Cause.DISTORTION_LIMITED, **_bound_details(bound))
 
 
 def sentence_of_bound(bound: Bound) -> str:
-    """Return the sentence about a map whose distortion is limited by a bound."""
+    """Return the sentence with a bound of distortion and the share of faces within it."""
     return sentence_of(Cause.DISTORTION_LIMITED, **_bound_details(bound))
 
 
@@ -137,16 +145,17 @@ class Evidence:
 
 
 def is_registered(residual: float, first: float) -> bool:
-    """Return whether a residual is small enough for registered functions.
+    """Return whether a residual is small enough for the verdict ``registered``.
 
-    The residual has to be clearly smaller than the residual ``first`` without motion, and smaller
-    than that of functions with nothing in common.
+    The residual has to be below `SHARE_REGISTERED` times ``first``, the residual without motion. It
+    also has to be below `RESIDUAL_REGISTERED`; functions with nothing in common have a residual of
+    1.
     """
     return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
 
 def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -> Verdict:
-    """Return the verdict of a match by the first rule that applies."""
+    """Return the verdict of a match: that of the first rule of `_Case` that applies."""
     case = _Case(functions, evidence, parameters)
     rules = (
         case.impossible,
@@ -160,7 +169,7 @@ def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -
 
 
 class _Case:
-    """The rules of verdicts for one match; each rule returns a verdict, or None."""
+    """The rules of verdicts for one match; a rule that does not apply returns None."""
 
     def __init__(self, functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -> None:
         self.functions, self.evidence, self.parameters = functions, evidence, parameters
@@ -196,7 +205,10 @@ class _Case:
         return solvability.squeezed(self.functions, self.evidence.advected)
 
     def impossible(self) -> Verdict | None:
-        """Return the verdict of functions that no flow can match, unless they already agree."""
+        """Return the verdict impossible if no flow can match the functions; None otherwise.
+
+        None also if the functions already agree within the goal, or if only landmarks are matched.
+        """
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
@@ -206,7 +218,10 @@ class _Case:
         return self._verdict(found.outcome, found.cause, **found.details)
 
     def of_landmarks(self) -> Verdict | None:
-        """Return the verdict if the landmarks miss their targets by more than the goal allows."""
+        """Return a verdict if landmarks miss their targets by more than the goal allows.
+
+        None if there are no landmarks, or if all reach their targets.
+        """
         if self.evidence.landmarks is None:
             return None
         goal, errors = self.parameters.goal, self.evidence.landmarks[1]
@@ -227,7 +242,11 @@ class _Case:
         )
 
     def registered(self) -> Verdict | None:
-        """Return the verdict of measured functions that match as closely as the data support."""
+        """Return the verdict registered if measured functions match as closely as the data allow.
+
+        None for other functions, larger residuals or interrupted runs, and if the match is within
+        the goal.
+        """
         evidence = self.evidence
         is_sound = self.is_verified and self.has_improved and not evidence.folded > FOLDED_SHARE_MAX
         if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_interrupted:
@@ -238,7 +257,11 @@ class _Case:
         return self._verdict(Outcome.REGISTERED, Cause.LIMIT_OF_DATA if is_chosen else Cause.NONE)
 
     def unconfirmed(self) -> Verdict | None:
-        """Return the verdict if flow lines do not confirm a small residual of the discrete flow."""
+        """Return the verdict not reached if flow lines do not confirm a small residual.
+
+        The small residual is that of the discrete flow. None if it is large, or if flow lines
+        confirm it. If flow lines are unknown, a large share of folded faces has the same effect.
+        """
         folded = self.evidence.folded
         if self.residual > RESIDUAL_NEARLY:
             return None
@@ -254,7 +277,10 @@ class _Case:
         return None
 
     def by_size(self) -> Verdict | None:
-        """Return the verdict of a residual small enough for matched or nearly matched functions."""
+        """Return the verdict matched or nearly matched if the residual is small; else None.
+
+        If flow lines are unknown, functions whose peaks or pits differ are at most nearly matched.
+        """
         if self.outcome is Outcome.NOT_REACHED:
             return None
         if self.outcome is Outcome.MATCHED:
@@ -283,7 +309,7 @@ class _Case:
         return self._verdict(Outcome.NEARLY, Cause.NONE, closer)
 
     def not_reached(self) -> Verdict:
-        """Return the verdict of all other matches, with the cause of the large residual."""
+        """Return the verdict not reached, with the cause of the large residual."""
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
@@ -331,7 +357,7 @@ class _Case:
         return Verdict(outcome, reason, "; or ".join(words), remedies, cause)
 
     def _change(self, outcome: Outcome) -> str:
-        """Return the change of the residual as a phrase."""
+        """Return the change of the residual as a phrase: ``the residual fell from 1 to 0.02``."""
         residual = self.evidence.residual
         before, after = f"{self.first:.2g}", f"{residual:.2g}"
         moved = f"{'fell' if residual < self.first else 'rose'} from {before} to"
@@ -345,7 +371,7 @@ class _Case:
         return change
 
     def _with_landmarks(self, change: str) -> str:
-        """Add the errors of the landmarks; return these alone if only landmarks are matched."""
+        """Append landmark errors to ``change``; return only them if functions are constant."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])
@@ -361,9 +387,10 @@ class _Case:
         )
 
     def _of_interruption(self, outcome: Outcome) -> Verdict:
-        """Return the verdict of a match that ended early.
+        """Return the verdict of a match that was interrupted or reached its limit of iterations.
 
-        More iterations help if the energy still falls and flow lines confirm the progress.
+        At the limit, more iterations are advised, or a larger reach if the target lies beyond it.
+        The advice to continue from the field requires that flow lines confirm its progress.
         """
         remedies, evidence = self.remedies, self.evidence
         if evidence.stop_reason.is_interrupted:
@@ -380,7 +407,7 @@ class _Case:
         return self._verdict(outcome, Cause.ITERATION_LIMIT, *suggestions, limit=limit)
 
     def _of_squeezed_source(self) -> Verdict:
-        """Return the verdict of a source that shrank instead of moving."""
+        """Return the verdict not reached for a flow that shrank the source instead of moving it."""
         remedies, reason = self.remedies, self.evidence.stop_reason
         vanished = solvability.vanished(self.functions, self.evidence.advected)
         suggestions: list[Remedy] = []
@@ -407,7 +434,10 @@ class _Case:
         )
 
     def _is_cut_short(self) -> bool:
-        """Return whether the run ended early, while the energy fell without a squeezed source."""
+        """Return whether the run ended while its energy still fell, so that it may improve.
+
+        False if the source was squeezed, because more iterations would not help then.
+        """
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
             return False
@@ -416,10 +446,10 @@ class _Case:
         return bool(energies[-1] < (1 - _FALL_SHARE) * energies[-1 - _FALL_ITERATIONS])
 
     def _more_consistent(self) -> list[Remedy]:
-        """Return remedies that let flow lines confirm a match.
+        """Return remedies that are likely to make flow lines confirm the match.
 
-        No remedy undoes another one: remedies make meshes finer, fields smoother (up to the
-        default), and sigma smaller.
+        Remedies that are followed one after the other do not undo each other. Each makes the mesh
+        finer, the field smoother (up to the default), or sigma smaller.
         """
         return [
             found

@@ -42,7 +42,8 @@ class Verification:
         Shares of the faces that the inverse flow folds, and of the faces that seem flipped by their
         advected vertices alone. If the field is noise, these shares are tens of percent.
     resolution : float
-        Number of edges that the narrow features of both functions span, masked vertices included.
+        Width of the narrowest features of source and target, in edges. Masked vertices of the
+        source are included.
     """
 
     flow_lines: float
@@ -53,12 +54,12 @@ class Verification:
 
     @property
     def residual(self) -> float:
-        """The verified residual: along flow lines, which have no numerical dispersion."""
+        """The residual along flow lines, which have no numerical dispersion."""
         return self.flow_lines
 
     @property
     def checks_disagree(self) -> bool:
-        """Whether the checks differ by more than 0.05 and a factor of 2, as for rough fields."""
+        """Whether the two residuals differ by more than 0.05 and a factor of 2 (rough fields)."""
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
         return bool(most - least > _DIFFERENCE_MAX and most > _RATIO_MAX * least)
 
@@ -68,7 +69,7 @@ class Verification:
         return self.resolution >= RESOLUTION_MIN
 
     def report(self) -> str:
-        """Return the results in one line."""
+        """Return the results as one line of text."""
         parts = [f"residual {self.residual:.4f} along flow lines"]
         if not np.isnan(self.subdivided):
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")

@@ -1,8 +1,9 @@
 """The continuation of a match: steps of decreasing sigma, from the coarsest mesh to the finest.
 
 `init` makes the first state, `step` the next one, `terminate` ends the continuation, and `finish`
-selects the result. A step minimises one sigma, corrects the best result, or plans the next sweep.
-The `Phase` of a state determines the plan:
+selects the result. The function `step` minimises the energy for one sigma, corrects the best
+result, or plans the next sweep. A sweep is a list of values of sigma on one level. The `Phase` of a
+state determines the plan:
 
 1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until held-out
    patches no longer improve. If the first variant fails, a second one follows.
@@ -52,7 +53,7 @@ _NO_FIELDS = np.empty((1, 0, 3))
 
 
 class Phase(Enum):
-    """The phase of a continuation, which determines the next plan."""
+    """The phase of a continuation; it determines the next plan."""
 
     SEARCH = auto()
     INTERPOLATION = auto()
@@ -64,7 +65,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Values of sigma that are minimised one after the other on one level."""
+    """Values of sigma for which the energy is minimised one after the other on one level."""
 
     level: int
     sigmas: tuple[float, ...]  # remaining values of sigma
@@ -114,7 +115,7 @@ class Solution:
 
 
 def solve(energy: MatchingEnergy, record: Record) -> Solution:
-    """Run a continuation; return its best result, also if cancelled or out of memory."""
+    """Run a continuation and return its best result, also if it is cancelled or memory runs out."""
     state, reason = init(energy, record), None
     try:
         while not terminate(state):
@@ -131,7 +132,7 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state: at the start of the problem if this is usable, else a search."""
+    """Return the first state: it continues the start of the problem if usable, else it searches."""
     p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
     at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
@@ -181,7 +182,7 @@ def terminate(state: State) -> bool:
 
 
 def step(state: State) -> State:
-    """Minimise the next sigma of the sweep, end the sweep, or plan the next one."""
+    """Minimise the energy for the next sigma, end the sweep, or plan the next sweep."""
     if state.sweep is None:
         return _PLANS[state.phase](state)
     return _minimised(state, state.sweep) if state.sweep.sigmas else _ended(state, state.sweep)
@@ -224,7 +225,7 @@ def _minimised(state: State, sweep: Sweep) -> State:
 
 
 def _ended(state: State, sweep: Sweep) -> State:
-    """End a sweep: correct its best step, so that the next plan follows."""
+    """Return the state after a sweep, with its best step corrected; the next plan follows."""
     state = _corrected(state, sweep.level)
     state = replace(state, sweep=None, path=(*state.path, *sweep.after))
     if state.phase is Phase.SEARCH:
@@ -233,11 +234,12 @@ def _ended(state: State, sweep: Sweep) -> State:
 
 
 def _corrected(state: State, level: int) -> State:
-    """Apply a defect correction [Stetter 1978] to the best step if the larger residual falls.
+    """Apply a defect correction [Stetter 1978] to the best step of a level if this improves it.
 
     A descent minimises the mismatch of the discrete flow only. The correction shifts the advected
     functions to the mean of the discrete flow and of flow lines. The shift is constant during the
-    descent.
+    descent. The corrected step replaces the best one if the larger residual of both checks is
+    smaller.
     """
     there = [i for i, result in enumerate(state.path) if result.stage.level == level]
     if not state.schedule.is_free or not there:
@@ -259,7 +261,10 @@ def _corrected(state: State, level: int) -> State:
 
 
 def _defect(levels: Levels, result: StepResult) -> FloatArray:
-    """Return the advected functions of a step minus the mean of both checks, (C, V)."""
+    """Return half the difference of both checks: the discrete flow minus flow lines, (C, V).
+
+    The values are those of the advected functions of all data terms at the end of a step.
+    """
     energy = levels[result.stage.level].energy
     count = len(energy.functions.source)
     mean = result.advected.copy()
@@ -269,7 +274,7 @@ def _defect(levels: Levels, result: StepResult) -> FloatArray:
 
 
 def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
-    """Return the result of a step, measured by both checks."""
+    """Return a step as a result, with its residuals of both checks (discrete flow, flow lines)."""
     levels, x = state.levels, point.x
     energy = levels.exact_energy(stage.level)
     is_exact = levels.exact(stage.level) == stage.level
@@ -290,7 +295,7 @@ def _with_path(state: State, path: tuple[StepResult, ...]) -> State:
 
 
 def _is_over(state: State) -> bool:
-    """Return whether the path ends before the last sigma."""
+    """Return whether the path ends at its latest step, before the last sigma of the schedule."""
     schedule, path = state.schedule, state.path
     if schedule.has_given_end:
         return False
@@ -302,7 +307,10 @@ def _is_over(state: State) -> bool:
 
 
 def _gains(state: State) -> bool:
-    """Return whether the last step improved on the one before on the same mesh."""
+    """Return whether the latest step has a smaller residual than the step before.
+
+    True also for the first step on a mesh, and if the last step is always the result.
+    """
     if state.schedule.has_given_end or len(state.path) < 2:
         return True
     before, last = state.path[-2:]
@@ -337,7 +345,10 @@ def _value(state: State, path: Sequence[StepResult]) -> float:
 
 
 def _finest(state: State) -> list[int]:
-    """Return the indices of the steps on the finest mesh so far, at least the mesh itself."""
+    """Return the indices of the steps on the finest mesh so far.
+
+    Steps on meshes coarser than the mesh of the problem do not count, so the list may be empty.
+    """
     finest = max((result.stage.level for result in state.path), default=0)
     least = state.levels.cheapest(max(finest, state.levels.mesh_level))
     return [i for i, result in enumerate(state.path) if result.stage.level >= least]
@@ -350,7 +361,11 @@ def _end(state: State) -> int:
 
 
 def _search(state: State) -> State:
-    """Plan the next variant; if all were tried or the last one suffices, select the best one."""
+    """Plan a path with the next variant, or select the best path.
+
+    A path is selected if all variants were tried, or if the residual of the latest one is small
+    enough.
+    """
     schedule, number, reach = state.schedule, len(state.tried), state.schedule.first_reach
     is_enough = False
     if state.tried:
@@ -374,7 +389,11 @@ def _search(state: State) -> State:
 
 
 def _interpolation(state: State) -> State:
-    """Minimise the sigma that is interpolated between the best step and its neighbours."""
+    """Add a step to the path, with sigma interpolated between the best step and its neighbours.
+
+    The path does not change without a minimum of the score between the neighbours, or after too
+    many iterations.
+    """
     state = replace(state, phase=Phase.PROLONGATION)
     index, levels = _best(state, state.path), state.levels
     three = state.path[index - 1 : index + 2] if index else ()
@@ -399,7 +418,11 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan the best step and later ones on the mesh itself, with clusters if these are cheaper."""
+    """Plan to continue the best step on the mesh itself, with clusters if these are cheaper.
+
+    For measured functions, only the sigma of this step is minimised there; otherwise, smaller ones
+    follow.
+    """
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
         return state
@@ -410,7 +433,11 @@ def _prolongation(state: State) -> State:
 
 
 def _exact(state: State) -> State:
-    """Plan the result on the mesh itself without clusters, if clusters changed it."""
+    """Plan to continue the best step without clusters, if its residual exceeds the goal.
+
+    Nothing is planned if the best step has no clusters. After defect corrections, the residual of
+    the discrete flow also has to exceed that of flow lines.
+    """
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
     last = len(state.levels) - 1
@@ -426,9 +453,10 @@ def _sweep_from(state: State, result: StepResult, level: int) -> Sweep:
 
 
 def _refinement(state: State) -> State:
-    """Plan the result on the midpoint subdivision, if it may reach the goal there.
+    """Plan to continue the best step on the midpoint subdivision, if it may reach the goal there.
 
-    The number of matrix products on all finer meshes together is limited.
+    The number of matrix products on all finer meshes together is limited. If the latest subdivision
+    did not reduce the residual, its steps are discarded and the continuation ends.
     """
     done = replace(state, phase=Phase.DONE)
     is_requested = state.energy.parameters.refine is not None
@@ -466,7 +494,7 @@ def _refinement(state: State) -> State:
 
 
 def _may_refine(state: State) -> bool:
-    """Return whether a finer mesh may lower the residual of both checks."""
+    """Return whether a finer mesh may reduce the larger residual of both checks."""
     p, schedule, finest = state.energy.parameters, state.schedule, state.levels.all[-1].energy
     if p.refine == 0 or not p.solver.iterations or schedule.is_fixed or not _finest(state):
         return False
@@ -485,7 +513,7 @@ def _may_refine(state: State) -> bool:
 
 
 def _is_resolved(levels: Levels, result: StepResult) -> bool:
-    """Return whether a finer mesh would not lower the residual of a step."""
+    """Return whether the mesh resolves the functions, so that a finer one would not help."""
     functions = levels[result.stage.level].energy.functions
     if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
         return False
@@ -502,9 +530,10 @@ _PLANS = {
 
 
 def finish(state: State, interruption: StopReason | None = None) -> Solution:
-    """Return the solution: the best step, or no motion or the start if one of these is better.
+    """Return the solution: the best step, unless no motion and the start are both better.
 
-    The residual of the solution is at most the larger one of no motion and the start.
+    If both have a smaller residual, the solution is the better of these two. ``interruption`` is
+    the stop reason of an interrupted run.
     """
     if interruption is not None:
         state = replace(state, path=_with_latest(state))
@@ -530,7 +559,7 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
 
 
 def _with_latest(state: State) -> tuple[StepResult, ...]:
-    """Return the path of the best step so far, with the latest iterate if that is better."""
+    """Return the path with the best step so far; append the latest iterate if it is better."""
     levels, least, record = state.levels, state.levels.mesh_level, state.record
     paths = [path for path in (*state.tried, state.path) if path]
     results = [result for path in paths for result in path]
@@ -555,7 +584,10 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
 
 
 def _path_step(levels: Levels, result: StepResult) -> PathStep:
-    """Return a result as a step of the path, in the input's unit, on the mesh or a finer one."""
+    """Return a result as a step of the path, in the unit of the input mesh.
+
+    Fields of a coarser level are transferred to the mesh of the problem.
+    """
     level = max(result.stage.level, levels.mesh_level)
     mesh, unit = levels[level].energy.mesh, levels[levels.mesh_level].energy.length_scale
     x = levels.fields_on(levels.mesh_level, result.x, result.stage.level)

@@ -1,4 +1,7 @@
-"""A descent: the minimisation of one stage on one level, with `init`, `step`, `terminate`."""
+"""A descent: the minimisation of the energy for one stage on one level.
+
+The functions are `init` (first state), `step` (one iteration), `terminate` and `finish`.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +49,7 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The state of a descent. The first fields are constant; each iteration replaces the others."""
+    """The state of a descent; the attributes up to ``at_limit`` do not change."""
 
     levels: Levels
     stage: Stage
@@ -74,7 +77,10 @@ def minimise(
     before: Progress,
     record: Record,
 ) -> Progress:
-    """Run a stage to its end, from fields (N, F, 2) or their evaluation."""
+    """Minimise the energy of one stage, from initial fields (N, F, 2) or their evaluation.
+
+    ``before`` is the progress of the descent before.
+    """
     record.schedule.append(stage)
     energy = levels[stage.level].energy
     search = search_of(energy, stage, record.count)
@@ -96,7 +102,7 @@ def minimise(
 def init(
     levels: Levels, stage: Stage, record: Record, progress: Progress, search: Search
 ) -> Descent:
-    """Return the descent of a stage at the best fields so far."""
+    """Return the first state of the descent of a stage, at the best fields of ``progress``."""
     before, best, level = progress.before, progress.point, levels[stage.level]
     # keep no other reference, because the L-BFGS pairs of the iterate take memory
     last_iterate, record.last_iterate = record.last_iterate, None
@@ -121,7 +127,10 @@ def init(
 
 
 def step(descent: Descent) -> Descent:
-    """Do one iteration of the search; a failed one changes only the current iterate."""
+    """Return the state after one iteration.
+
+    If the line search fails, the best fields of the descent do not change.
+    """
     current, search, stage, record = descent.current, descent.search, descent.stage, descent.record
     energy, progress = descent.level.energy, descent.progress
     has_landmarks = energy.landmarks is not None and not energy.is_of_landmarks
@@ -150,7 +159,7 @@ def step(descent: Descent) -> Descent:
 
 
 def terminate(descent: Descent) -> StopReason | None:
-    """Return why the descent ends at this iterate; None if it continues."""
+    """Return the reason why the descent ends at this iterate; None if it continues."""
     if len(descent.record.history) > descent.until:
         return descent.at_limit
     if (reason := descent.search.stop_reason(descent.current)) is not None:
@@ -163,7 +172,7 @@ def terminate(descent: Descent) -> StopReason | None:
 
 
 def finish(descent: Descent, reason: StopReason) -> Progress:
-    """Return the progress of a descent, with the iterate of least energy.
+    """Return the progress after a descent, with the iterate of least energy.
 
     The iterate of least energy may not be the last one, as a search for landmarks can also raise
     the energy.
@@ -177,7 +186,10 @@ def finish(descent: Descent, reason: StopReason) -> Progress:
 def _first(
     search: Any, stage: Stage, point: Evaluation, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Return the first iterate of a search, with the curvature of the last stage if valid."""
+    """Return the first iterate of a search.
+
+    It reuses the curvature of ``last_iterate`` if that is still valid after the stage ``before``.
+    """
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
     return search.init(point.x, point, last_iterate, stage.curvature_ratio(before))
@@ -191,11 +203,11 @@ def _refuse_overflow(first: Evaluation, levels: Levels) -> None:
 
 
 def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) -> Evaluation:
-    """Evaluate the fields of a coarser level on the level of a stage.
+    """Transfer the fields of a coarser level to the level of a stage and evaluate them.
 
     Fields of a coarser mesh have kinks over its edges, which increase the norm of second order. If
-    the finer mesh is a subdivision, or if sigma is given, the fields are smoothed as long as this
-    lowers the energy.
+    the finer mesh is a subdivision, or if the parameters contain sigma, the fields are smoothed as
+    long as this lowers the energy.
     """
     energy = levels[stage.level].energy
     evaluate = search_of(energy, stage, record.count).evaluate
@@ -223,7 +235,10 @@ def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) 
 def prolonged_without_gradient(
     levels: Levels, level: int, origin: StepResult
 ) -> tuple[FloatArray, FloatArray]:
-    """Return fields and functions as `prolonged`, but without a gradient, to save memory."""
+    """Transfer the fields of a coarser level; return them with the functions that they advect.
+
+    Unlike `prolonged`, this function computes no gradient, which saves memory.
+    """
     energy = levels[level].energy
 
     def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
@@ -241,10 +256,11 @@ def search_of(
     count: Callable[[], None] = lambda: None,
     at: FloatArray | None = None,
 ) -> Search:
-    """Return the search of a stage; ``count`` is called at each evaluation.
+    """Return the search that minimises the energy of a stage: L-BFGS or Gauss-Newton.
 
-    If functions and landmarks are matched together, the curvature of the landmarks preconditions
-    the search. The curvature is that at the fields ``at`` (N, F, 2), if these are given.
+    Gauss-Newton is used if only landmarks are matched. If functions and landmarks are matched
+    together, the curvature of the landmarks at the fields ``at`` (N, F, 2), if given, preconditions
+    L-BFGS. The function ``count`` is called at each evaluation.
     """
     p = energy.parameters
     objective = energy.objective(
@@ -294,11 +310,12 @@ def search_of(
 def minimise_fold(
     energy: MatchingEnergy, stage: Stage, x: FloatArray, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Minimise a stage of a fold from fields (N, F, 2); return the last iterate of the search.
+    """Minimise the energy of one stage in a cross-validation fold, from fields ``x`` (N, F, 2).
 
-    The search uses the L-BFGS pairs of the stage before. It stops when the energy falls by less
-    than a fifth within four iterations. This is less accurate than `minimise`, and changes the
-    selected sigma by a few percent.
+    Return the last iterate of the search. The search reuses the L-BFGS pairs of ``last_iterate`` if
+    they are still valid after the stage ``before``. It stops when the energy falls by less than a
+    fifth within four iterations. This is less accurate than `minimise`, and changes the selected
+    sigma by a few percent.
     """
     search: Any = search_of(energy, stage, at=x)
     current = _first(search, stage, search.evaluate(x), last_iterate, before)
@@ -318,11 +335,11 @@ def stabilised(
     residual: float,
     evaluate: Callable[[FloatArray], tuple[Point, float]],
 ) -> Point:
-    """Smooth fields (N, F, 2) of a coarser mesh until their discrete flow is stable.
+    """Smooth fields (N, F, 2) from a coarser mesh until their discrete flow is stable.
 
-    ``evaluate`` returns an evaluation and its residual. The result is the first evaluation with
-    about the ``residual`` of the coarser mesh, or else the best one. If no residual is finite, it
-    is the evaluation without motion.
+    The function ``evaluate`` returns the evaluation of fields and its residual. The result is the
+    first evaluation with about ``residual``, that of the coarser mesh, or else the best one. If no
+    residual is finite, the result is the evaluation of zero fields.
     """
     best, least = None, np.inf
     for edges in SETTINGS.smoothing_edges:
@@ -336,7 +353,7 @@ def stabilised(
 
 
 def smoothed(mesh: TriangleMesh, x: FloatArray, edges: float) -> FloatArray:
-    """Return fields (N, F, 2), smoothed by the norm of first order over a number of edges."""
+    """Smooth fields (N, F, 2) over a length of ``edges`` edges, by the norm of first order."""
     if not edges:
         return x
     smooth = Regularizer(mesh, edges**2 / len(mesh.vertices))

@@ -34,7 +34,7 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
     minimum.
 
     An error e of the scores changes sigma by a factor of about ``exp(e / (2 a h))``. Here ``2 a``
-    is the curvature, and ``h`` the distance of steps in ``log sigma``. Without interpolation, sigma
+    is the curvature, and ``h`` the step width in ``log sigma``. Without interpolation, sigma
     would change by a complete step. Scale and offset of the scores have no effect.
     """
     x, y = np.log(np.asarray(sigmas, dtype=np.float64)), np.asarray(scores, dtype=np.float64)
@@ -55,11 +55,12 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
-    """Return the fold of each vertex, (V,).
+    """Return the number of the cross-validation fold of each vertex, (V,).
 
-    Patches surround points that are far from each other. The patches are assigned to the folds in
-    turn. Among points at the same distance up to rounding errors, the first one is the next centre.
-    The folds of a symmetric surface therefore do not depend on its position and unit.
+    Each vertex belongs to the patch with the nearest centre. Each new centre is the vertex farthest
+    from the previous centres; among equally distant ones (up to rounding errors), the first. The
+    patches are assigned to the folds in turn. The folds of a symmetric surface therefore do not
+    depend on its position and unit.
     """
     vertices = mesh.vertices
     from_middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)
@@ -75,7 +76,7 @@ def folds(mesh: TriangleMesh) -> IntArray:
 
 
 def fold_energies(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
-    """Return the energy without the patches of each fold, and a mask (V,) of these patches."""
+    """Return, for each fold, the energy without its patches and the mask (V,) of these patches."""
     given = energy.functions.mask
     mask = np.ones(len(energy.mesh.vertices)) if given is None else given
     fold, found = folds(energy.mesh), []
@@ -87,7 +88,7 @@ def fold_energies(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArr
 
 
 class Fold(NamedTuple):
-    """The energy without some patches, and the state of its descents."""
+    """A cross-validation fold: the energy without its patches, and the state of its descents."""
 
     energy: MatchingEnergy
     hidden: FloatArray  # mask (V,) of the patches
@@ -107,7 +108,7 @@ class Fold(NamedTuple):
         return self.energy.advected(self.fields)[: len(self.energy.functions.source)]
 
     def along_flow_lines(self) -> FloatArray:
-        """Return the source (C, V), advected along flow lines to the patches."""
+        """Return the source (C, V), advected along flow lines on the held-out patches only."""
         try:
             return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
         except ParameterError:  # flow lines cross too many faces
@@ -115,14 +116,14 @@ class Fold(NamedTuple):
 
 
 class HeldOut(NamedTuple):
-    """The steps of a match, minimised once for each fold without the fold's patches."""
+    """The cross-validation of a match: for each fold, its steps without the patches of the fold."""
 
     energy: MatchingEnergy
     folds: tuple[Fold, ...]
 
     @classmethod
     def at(cls, energy: MatchingEnergy, start: FloatArray) -> "HeldOut":
-        """Return the folds before the first step, at fields (N, F, 2)."""
+        """Return the cross-validation before the first step, with all folds at fields (N, F, 2)."""
         return cls(energy, tuple(Fold(*fold, start) for fold in fold_energies(energy)))
 
     @property
@@ -134,19 +135,23 @@ class HeldOut(NamedTuple):
         return self._replace(folds=tuple(fold.minimise(stages) for fold in self.folds))
 
     def score(self, log2_area: float) -> Score:
-        """Return the score of a step whose map has this mean ``|log2 J|``; smaller is better.
+        """Return the score of the latest step; smaller is better.
 
-        The score uses flow lines. The discrete flow has a lag, and fields of a small sigma
-        compensate for it, even where they are not fitted. It would therefore select too small a
-        sigma. However, flow lines interpolate, which lowers the residual of noise. Whether a field
-        improves anything is therefore decided by the discrete flow.
+        ``log2_area`` is the mean ``|log2 J|`` of the map of the step. The score uses the residual
+        along flow lines, because the discrete flow has a lag. Fields of a small sigma compensate
+        for this lag, even where they are not fitted. With the discrete flow, the selected sigma
+        would therefore be too small. However, flow lines interpolate, which lowers the residual of
+        noise. Whether a field improves anything is therefore decided by the discrete flow.
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
         return Score(flow_lines + SETTINGS.area_weight * log2_area, discrete, self.unmoved)
 
     def _residual(self, advected: Sequence[FloatArray]) -> float:
-        """Return the residual of the functions (C, V) of each fold on its own patches."""
+        """Return the root mean square, over all folds, of the residuals on their held-out patches.
+
+        ``advected`` has the advected source (C, V) of each fold.
+        """
         functions = self.energy.functions
         residuals = [
             functions.with_mask(fold.hidden).residual(values)

@@ -35,13 +35,13 @@ _WAIT_SECONDS = 0.05  # between two tests whether another thread has finished a 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """The transfer by closest points between a coarse and a fine mesh in the same unit."""
+    """The transfer of functions and fields by closest points between meshes in the same unit."""
 
     coarse: TriangleMesh
     fine: TriangleMesh
 
     def prepare(self) -> None:
-        """Find all closest points now instead of at their first use."""
+        """Find the closest points of both meshes now instead of at the first transfer."""
         _ = self.interpolation, self._covered, self._to_coarse
 
     @cached_property
@@ -85,7 +85,10 @@ class Transfer:
 
 @dataclass(frozen=True, eq=False)
 class Subdivision:
-    """The transfer from a mesh to its midpoint subdivision, with the same first vertices."""
+    """The transfer of functions and fields from a mesh to its midpoint subdivision.
+
+    The vertices of the mesh are the first vertices of the subdivision.
+    """
 
     coarse: TriangleMesh
 
@@ -97,7 +100,7 @@ class Subdivision:
 
 
 def _transferred_field(field: FloatArray, points: PointMap) -> FloatArray:
-    """Return the field (F, 2) on the domain of a point map, from a field on its codomain.
+    """Transfer a field (F, 2) from the codomain of a point map to its domain.
 
     The continuous field is evaluated at the mapped vertices and rotated onto the faces.
     """
@@ -119,9 +122,10 @@ def rotate_onto_faces(
     face_normals: FloatArray,
     frames: FloatArray,
 ) -> FloatArray:
-    """Return means over the corners of faces, (F, 2), of vectors (V, 3) at vertices.
+    """Rotate vectors (V, 3) at vertices onto faces; return means over the corners, (F, 2).
 
-    Each vector is rotated from its own normal (V, 3) to the normal of the face.
+    Each vector is rotated from ``normals`` (V, 3), the normal at its vertex, to the normal of the
+    face.
     """
     out = np.zeros((faces.shape[0], 2))
     for f in range(faces.shape[0]):
@@ -141,9 +145,9 @@ def rotate_onto_faces(
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The energy on one mesh, and the transfer to the next finer one.
+    """The energy on one mesh, and the transfer to the next finer mesh.
 
-    If the level before is the same mesh with clusters, ``cheaper`` is its energy.
+    If the level before has the same mesh with clusters of vertices, ``cheaper`` is its energy.
     """
 
     energy: MatchingEnergy
@@ -160,7 +164,10 @@ class Level:
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Return coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of unit area."""
+        """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the next finer mesh.
+
+        The coefficients are on this mesh. The fields refer to the finer mesh scaled to unit area.
+        """
         if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
@@ -170,7 +177,7 @@ class Level:
         return functions if self.to_finer is None else self.to_finer.function_to_fine(functions)
 
     def affordable_iterations(self, iterations: int, x: FloatArray) -> int:
-        """Return the number of iterations that are affordable without clusters.
+        """Return how many iterations are affordable if this level has no clusters of vertices.
 
         These iterations cost at most a constant factor more than ``iterations`` iterations with
         clusters.
@@ -182,13 +189,16 @@ class Level:
         return max(SETTINGS.exact_iterations_min, int(iterations * share))
 
     def cost(self, x: FloatArray) -> float:
-        """Return the approximate number of matrix row products of an evaluation at (N, F, 2)."""
+        """Return the approximate cost of an evaluation at (N, F, 2), in matrix row products."""
         return self.energy.discretisation.size * max(self.energy.flow(x).exponent, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The levels of a match, coarse to fine; levels after ``mesh_level`` are on subdivisions."""
+    """The levels of a match, from coarse to fine.
+
+    Level ``mesh_level`` is the mesh of the problem; later levels are its subdivisions.
+    """
 
     all: tuple[Level, ...]
     mesh_level: int
@@ -205,11 +215,11 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the same mesh as a level; it has clusters if there are any."""
+        """Return the first level on the same mesh as ``level``; it has clusters if possible."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
-        """Return the last level on the same mesh as a level; it has no clusters."""
+        """Return the last level on the same mesh as ``level``; it has no clusters."""
         is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
         return level + is_clustered
 
@@ -218,13 +228,13 @@ class Levels:
         return self[self.exact(level)].energy
 
     def fields_on(self, level: int, x: FloatArray, origin: int) -> FloatArray:
-        """Return frame coefficients (N, F, 2) of level ``origin`` on the same or a finer level."""
+        """Transfer coefficients (N, F, 2) from level ``origin`` to the same or a finer level."""
         for coarser in self.all[origin:level]:
             x = coarser.fields_to_finer(x)
         return x
 
     def error(self, level: int) -> float:
-        """Return the error of functions on a level compared with the mesh itself, as a residual.
+        """Return the discretisation error of source and target on a level, as a residual.
 
         Source and target are averaged on the level and interpolated back. The larger relative
         difference is the error; it is 0 on the mesh itself.
@@ -240,11 +250,17 @@ class Levels:
         return max(errors)
 
     def attainable(self, goal: float) -> float:
-        """Return a goal or, if that is larger, the least residual that any flow can have."""
+        """Return ``goal``, or the least residual that any flow can have if that is larger.
+
+        A goal of 0 stays 0.
+        """
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
-        """Return the levels with coarser meshes, as many as a parameter or the mesh size allows."""
+        """Return the levels preceded by levels on coarser meshes.
+
+        Their number is that of the parameter ``levels`` or, if this is 0, depends on the mesh size.
+        """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
         counts = _vertex_counts(first.mesh, first.parameters)
@@ -266,14 +282,20 @@ class Levels:
         return Levels(tuple(found), len(found) - 1)
 
     def subdivided(self) -> "Levels":
-        """Return the levels with the finest mesh subdivided, or raise AbfmError if impossible."""
+        """Return the levels followed by one on the midpoint subdivision of the finest mesh.
+
+        Raise AbfmError if that mesh cannot be subdivided.
+        """
         last = self.all[-1]
         finer = Level(MatchingEnergy(last.energy.problem.subdivided()))
         coarse = replace(last, to_finer=Subdivision(last.energy.mesh))
         return replace(self, all=(*self.all[:-1], coarse, finer))
 
     def clustered(self) -> "Levels":
-        """Return the levels with clusters on the finest mesh, if these are cheaper."""
+        """Return the levels with another one, with clusters of vertices, before the finest level.
+
+        The levels do not change if clusters would not make an evaluation cheaper.
+        """
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 
@@ -289,7 +311,7 @@ def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Make the coarser meshes of a match in advance.
+    """Make and cache the coarser meshes of a match in advance.
 
     A match in another thread waits until these meshes are made.
     """

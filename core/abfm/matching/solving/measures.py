@@ -15,11 +15,12 @@ from abfm.types import BoolArray, FloatArray, IntArray
 
 
 def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
-    """Return the measurements of fields (N, F, 3) along flow lines, by attribute of `PathStep`.
+    """Measure fields (N, F, 3) along flow lines; return numbers by attribute of `PathStep`.
 
-    On meshes with more than 20,000 vertices, they are estimated from that number of vertices. The
-    dictionary is empty if flow lines cross too many faces. Stretches are those of the map from each
-    vertex to the origin of its value. They are computed from the triangles between mapped vertices.
+    On meshes with more than 20,000 vertices, they are estimated from about that number of vertices.
+    The dictionary is empty if flow lines cross too many faces. The distortion is that of the map
+    from each vertex to the origin of its value. It is computed from the triangles between mapped
+    vertices.
     """
     mesh, functions = energy.mesh, energy.functions
     faces = np.arange(len(mesh.faces))
@@ -47,10 +48,10 @@ def flow_line_measures(energy: MatchingEnergy, fields: FloatArray) -> dict[str, 
 def advect_along_flow_lines(
     energy: MatchingEnergy, x: FloatArray, where: BoolArray | None = None
 ) -> FloatArray:
-    """Return the source (C, V) advected along flow lines of frame coefficients (N, F, 2).
+    """Return the source (C, V) advected along flow lines of fields with coefficients (N, F, 2).
 
-    ``where`` (V,) selects the vertices, by default all of them. Other vertices have the values of
-    the source. ParameterError if flow lines cross too many faces.
+    ``where`` (V,) selects the vertices at which the source is advected, by default all of them. The
+    others keep the values of the source. Raise ParameterError if flow lines cross too many faces.
     """
     mesh, source = energy.mesh, energy.functions.source
     flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
@@ -64,9 +65,9 @@ def advect_along_flow_lines(
 def flow_line_residual(
     functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray
 ) -> tuple[float, FloatArray]:
-    """Return the residual along flow lines at the vertices of faces (S,), given by index.
+    """Return the residual along flow lines at the vertices of the faces with indices (S,).
 
-    The second value (S, 3, 3) has the points from which the flow takes values to these corners.
+    Also return the origins (S, 3, 3) under the flow of the corners of these faces.
     """
     mesh, source, mask = functions.mesh, functions.source, functions.mask
     requested, corners = np.unique(mesh.faces[faces], return_inverse=True)

@@ -1,9 +1,9 @@
 """Gauss-Newton search for landmarks, whose term has a known approximate second derivative.
 
-If a flow line passes a vertex on its other side, it may end elsewhere, and the energy jumps. A
-descent would stop at each jump, even if only one landmark causes it. This search therefore lets the
-energy rise, and the caller selects the best iterate. A landmark that did not move as its derivative
-predicted has a smaller weight in the next step.
+If a changed field leads a flow line past the other side of a vertex, the line may end elsewhere,
+and the energy jumps. A descent would stop at each jump, even if only one landmark causes it. This
+search therefore lets the energy rise, and the caller selects the best iterate. A landmark that did
+not move as its derivative predicted has a smaller weight in the next step.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,11 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class GaussNewton:
-    """A search for the minimum of an energy with second derivative of about ``A + J^T D J``."""
+    """The search for the minimum of an energy whose second derivative is about ``A + J^T D J``.
+
+    ``A`` belongs to the norm of fields. ``J`` is the derivative of the ends of the landmarks, and
+    ``D`` is diagonal, with the weights of the landmarks.
+    """
 
     evaluate: Callable[[FloatArray], Evaluation]
     inverse: Inverse  # applies the inverse of A
@@ -57,7 +61,10 @@ class GaussNewton:
         before: object = None,
         steeper: float = 1.0,
     ) -> Iterate:
-        """Return the first iterate; the curvature ``before`` of an earlier search is not used."""
+        """Return the first iterate of the search, at fields ``x``.
+
+        The arguments ``before`` and ``steeper``, which `LBFGS` needs, have no effect.
+        """
         point = self.evaluate(x) if point is None else point
         return Iterate(x, point)
 
@@ -89,10 +96,10 @@ class GaussNewton:
 
 
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
-    """Return the weights (L,) of landmarks: smaller if a landmark did not move as predicted.
+    """Return weights (L,) of landmarks, smaller for those that did not move as predicted.
 
-    The weights depend on the errors (L,), the residuals before the step (L, 2) and the predicted
-    motion (L, 2).
+    ``errors`` (L,) are measured after the step. ``away`` (L, 2) are the residuals before the step,
+    and ``moved`` (L, 2) is the predicted motion.
     """
     expected = np.linalg.norm(away + moved, axis=1)
     usual = np.maximum(_ERROR_USUAL, _ERROR_SHARE * np.linalg.norm(moved, axis=1))
@@ -102,7 +109,8 @@ def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArra
 def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, curvature: FloatArray) -> Inverse:
     """Return the inverse of ``A + J^T D J`` from that of A, by the Woodbury identity.
 
-    J is (M, n) and D the diagonal (M,). Each row of J takes one application of the inverse of A.
+    J is ``jacobian`` (M, n), and D the diagonal matrix of ``curvature`` (M,). The first call
+    applies the inverse of A once for each row of J.
     """
     rows, curvature = jacobian[curvature > 0], curvature[curvature > 0]
     known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []

@@ -22,7 +22,7 @@ from abfm.types import FloatArray
 
 
 class StopReason(StrEnum):
-    """The reason why a match stopped; its verdict is independent of it.
+    """The reason why the solver of a match stopped; it does not state how good the match is.
 
     Members are strings: ``match.stop_reason == "cancelled"``.
     """
@@ -43,7 +43,10 @@ class StopReason(StrEnum):
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
-    """Return a warning about a running match, in one line without a full stop, or None."""
+    """Return a warning if the source of a running match vanishes or hardly moves; else None.
+
+    The warning is one line without a full stop.
+    """
     if functions.residual(advected) <= RESIDUAL_NEARLY:
         return None
     if vanished(functions, advected):
@@ -57,7 +60,7 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
 
 
 class View(Protocol):
-    """Fields and advected functions of an iterate, on the mesh itself."""
+    """Fields and advected functions of an iterate, transferred to the mesh itself."""
 
     @property
     def velocity(self) -> FloatArray: ...
@@ -68,7 +71,7 @@ class View(Protocol):
 
 
 class Score(NamedTuple):
-    """The score of a step by held-out patches, see `held_out`; NaN if none were held out."""
+    """The cross-validation score of a step, see `held_out`; NaN if no patches were held out."""
 
     value: float = math.nan  # score; smaller is better
     held_out: float = math.nan  # residual of the held-out patches
@@ -76,7 +79,7 @@ class Score(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """The residual of the patches, relative to that without motion."""
+        """The residual of held-out patches, relative to their residual without motion."""
         return self.held_out / self.unmoved if self.unmoved > 0 else math.nan
 
 
@@ -92,7 +95,7 @@ class StepResult:
     score: Score = Score()
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
-        """Return the `PathStep` with these fields (N, 4^k F, 3)."""
+        """Return this result as a `PathStep` with the fields ``velocity`` (N, 4^k F, 3)."""
         return PathStep(
             self.stage.sigma,
             self.stage.alpha,
@@ -117,7 +120,7 @@ class StepResult:
 
 @dataclass(frozen=True, eq=False)
 class Iteration:
-    """One iterate; its fields and functions on the mesh are computed at the first use."""
+    """One iterate of the solver; its fields and functions are computed at the first use."""
 
     iteration: int  # total number of iterations so far, 0 at the start
     stage: int  # number of the stage, from 0
@@ -155,7 +158,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class IterateView:
-    """The view of an iterate of any level on the mesh itself."""
+    """Fields and functions of an iterate on any level, transferred to the mesh itself."""
 
     x: FloatArray  # frame coefficients (N, F, 2)
     level_advected: FloatArray  # the advected source on the mesh of the level, (C, V)
@@ -210,7 +213,7 @@ class Record:
         self.evaluations += 1
 
     def begin_stage(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Record the first fields of a stage; on a new level they count as an iterate."""
+        """Record the first fields of a stage; if its level is new, they count as an iterate."""
         self.latest = stage.level, point
         iterations, is_new = len(self.history), self._level != stage.level
         if not iterations or (

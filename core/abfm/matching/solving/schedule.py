@@ -15,7 +15,7 @@ _STEP_ROUNDING = 1e-9  # rounding errors of a number of steps
 
 
 class Variant(NamedTuple):
-    """Values that all steps of a path have in common."""
+    """Alpha and the number of fields, which all steps of a path have in common."""
 
     alpha: float
     fields: int  # number of consecutive fields
@@ -23,7 +23,11 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True)
 class Stage:
-    """A minimisation on one level; ``reach`` 0 means the norm of the parameters."""
+    """The minimisation of the energy for one sigma on one level.
+
+    If ``reach`` is 0, functions are compared by the norm of the parameters, else by a smoothed
+    norm.
+    """
 
     level: int  # number of the mesh, from 0 for the coarsest one
     fields: int  # number of consecutive fields
@@ -41,24 +45,25 @@ class Stage:
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
-        """Return whether the curvature of the stage before is still valid.
+        """Return whether this stage can reuse the curvature of the energy in the stage before.
 
-        If a stage has a fixed number of iterations, the curvature is valid only for the same sigma.
+        Level, fields, reach and alpha have to be the same. Stages with a fixed number of iterations
+        also require the same sigma.
         """
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def curvature_ratio(self, before: "Stage") -> float:
-        """Return the factor by which the curvature of the energy changes from the stage before."""
+        """Return the curvature of the energy in this stage, divided by that in the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
 
     def is_worthwhile(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
-        """Return whether to continue after these energies and residuals of iterates.
+        """Return whether to continue a stage after iterates with these energies and residuals.
 
-        The energy has to fall. In a search, the residual also has to fall once the target is found.
+        The energy has to fall. Once a search has found the target, the residual also has to fall.
         The energy of a search compares functions over a distance, which no longer matters then.
         """
         if self.fixed:
@@ -72,17 +77,21 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share in ``within`` iterations, or are fewer than that."""
+    """Return whether values fell by a share ``by`` within the last ``within`` iterations.
+
+    True also if there are too few values to compare.
+    """
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
 
 class Schedule:
-    """The steps of a match, from its parameters, its functions and the number of meshes.
+    """The values of sigma of a match, and the stage of each value.
 
-    A given sigma is that of the last step. Otherwise, functions with little detail are treated as
-    exact, and the path ends when both checks confirm the goal. Other functions are measured ones,
-    and the path ends when held-out patches no longer improve (`held_out`).
+    A sigma that is given by the user is that of the last step. Otherwise, functions with little
+    detail are treated as exact, and the path ends when both checks confirm the goal. Other
+    functions are treated as measured, and the path ends when held-out patches no longer improve
+    (`held_out`).
     """
 
     def __init__(
@@ -103,7 +112,7 @@ class Schedule:
 
     @property
     def has_given_end(self) -> bool:
-        """Whether the last step of the path is the result, whatever its residual."""
+        """Whether the last step of the path is always the result, even if another is better."""
         return self.has_given_sigma or self.is_fixed
 
     def variants(self, fields: int) -> list[Variant]:
@@ -126,7 +135,11 @@ class Schedule:
         return [first] if p.solver.segments or fields > 1 else [first, first._replace(fields=2)]
 
     def reach(self, residual: float) -> float:
-        """Return the reach of the next variant: the largest if this residual misses the target."""
+        """Return the reach of the next variant, after a variant with this residual.
+
+        It is the largest reach if the residual shows that the target was missed, else that of the
+        parameters.
+        """
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach
 
@@ -137,10 +150,10 @@ class Schedule:
     def stage(
         self, level: int, sigma: float, variant: Variant, reach: float = 0.0, error: float = 0.0
     ) -> Stage:
-        """Return the stage of a sigma on a level.
+        """Return the stage that minimises the energy for a sigma on a level.
 
-        ``error`` is the discretisation error of the level, as a residual. On a coarse level, the
-        result of a given sigma is only a start for the mesh itself. The stage then ends at the
+        ``error`` is the discretisation error of the level, as a residual. If the user gives sigma,
+        its result on a coarse level is only a start for the mesh itself. The stage then ends at the
         discretisation error, because a smaller residual on the coarse mesh has no meaning on the
         mesh itself. A search also ends if the residual stalls.
         """
@@ -173,7 +186,10 @@ class Schedule:
         )
 
     def landmark_sigma(self, sigma: float) -> float:
-        """Return the tolerance of landmarks for a sigma; it falls faster, to match them first."""
+        """Return the landmark_sigma of the step with this sigma.
+
+        It falls faster than sigma, so that landmarks are matched before functions.
+        """
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
             return self._p.landmark_sigma

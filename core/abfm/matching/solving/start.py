@@ -1,4 +1,4 @@
-"""Initial fields of a match, on the mesh itself, on a finer or on the coarsest one."""
+"""Initial fields of a match on the mesh itself, on a finer mesh or on the coarsest mesh."""
 
 import numpy as np
 
@@ -24,10 +24,10 @@ def initial_fields(energy: MatchingEnergy) -> FloatArray | None:
 
 
 def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
-    """Return whether a start (N, F, 2) misses the target, so that a search is needed.
+    """Return whether the flow of a start (N, F, 2) misses the target, so that a search is needed.
 
-    ``advected`` (C, V) is the source, advected by the start. StartError if this flow overflows or
-    is unstable.
+    ``advected`` (C, V) is the source, advected by the start. Raise StartError if this flow
+    overflows or is unstable. False if the parameters have no reach, which excludes a search.
     """
     if not np.isfinite(advected).all():
         raise StartError("the flow of the start overflows; use a start with slower fields, or none")
@@ -43,7 +43,7 @@ def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArra
 
 
 def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
-    """Return the levels up to the finer mesh of a start, and its coefficients there.
+    """Return the levels up to the finer mesh of a start, and its frame coefficients there.
 
     None if the start is not on a finer mesh, if the parameters exclude this mesh, or if the start
     misses the target.
