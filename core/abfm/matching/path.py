@@ -78,7 +78,7 @@ class PathStep:
     mismatch: float = math.nan
 
     def refined(self, mesh: TriangleMesh) -> int:
-        """Return the number of subdivisions from a mesh to the mesh of the fields."""
+        """Return how many times ``mesh`` is subdivided to get the mesh of the fields."""
         return times_subdivided(self.velocity.shape[1], mesh)
 
 
@@ -86,7 +86,7 @@ NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 
 
 def choice_text(path: Sequence[PathStep], step: int) -> str:
-    """Return a phrase about the selected sigma: its score, and the larger ones of its neighbours.
+    """Return a phrase with the selected sigma, its score, and the larger scores of its neighbours.
 
     The phrase is empty if no patches were held out, or if another step has a smaller score.
     """
@@ -100,9 +100,9 @@ def choice_text(path: Sequence[PathStep], step: int) -> str:
 
 
 def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
-    """Return a path as lines of CSV, one for each step after the header `COLUMNS`.
+    """Return a path as lines of CSV: the header `COLUMNS`, then one line for each step.
 
-    The last column is the number of subdivisions of the mesh.
+    The last column is the number of subdivisions from ``mesh`` to the mesh of the step's fields.
     """
     rows = [
         [*(f"{getattr(each, name):.6g}" for name in NUMBERS), str(each.refined(mesh))]
@@ -116,8 +116,8 @@ def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> 
 
     The arrays are a row of numbers for each step, and the fields of the other steps. These fields
     are divided by the length scale of the mesh, rounded to single precision, and concatenated along
-    the faces. If steps have different numbers of fields, these numbers are stored as well, and all
-    fields are concatenated.
+    the faces. If the number N of consecutive fields differs between steps, these numbers are stored
+    as well, and all fields are concatenated.
     """
     rows = np.array([[*(getattr(e, name) for name in NUMBERS), e.refined(mesh)] for e in path])
     # a step that diverged may have infinite measurements
@@ -134,7 +134,7 @@ def path_arrays(path: Sequence[PathStep], selected: int, mesh: TriangleMesh) -> 
 
 
 def as_stored(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
-    """Return fields (N, 4^k F, 3) with the precision that files have for unselected steps."""
+    """Round fields (N, 4^k F, 3) to the precision in which files store all but one step."""
     return _double(_single(velocity, mesh), mesh)
 
 
@@ -149,9 +149,10 @@ def _single(velocity: FloatArray, mesh: TriangleMesh) -> NDArray[np.float32]:
 def path_of(
     arrays: Mapping[str, NDArray[Any]], velocity: FloatArray, mesh: TriangleMesh
 ) -> tuple[tuple[PathStep, ...], int]:
-    """Return the path of stored `path_arrays`, and the number of its selected step.
+    """Return the path from stored `path_arrays`, and the index of its selected step.
 
-    The fields of the selected step are ``velocity``. ValueError if the arrays are inconsistent.
+    Files store the fields of the selected step separately, as ``velocity``. Raise ValueError if the
+    arrays are inconsistent.
     """
     missing = {"path_steps", "path_step"} - arrays.keys()
     if missing:

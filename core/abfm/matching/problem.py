@@ -219,8 +219,9 @@ class Problem:
     def divergence(self) -> float:
         """The weight of the divergence of a field relative to its curl.
 
-        The weight is the parameter ``divergence`` or, if that is None, depends on whether the
-        functions are measured. It is the same on coarser and finer meshes.
+        The weight is the parameter ``divergence``. If that is None, the weight is 1 for measured
+        functions and larger for others, so that areas are preserved. It is the same on coarser and
+        finer meshes.
         """
         given = self.parameters.divergence
         if given is None:
@@ -228,7 +229,7 @@ class Problem:
         return given
 
     def starting_from(self, start: ArrayLike | None) -> Problem:
-        """Return a copy with another start."""
+        """Return a copy with another start, or without a start for None."""
         return self._with(fine_start=_checked_start(start, self.mesh))
 
     def with_parameters(self, parameters: Parameters) -> Problem:
@@ -250,10 +251,10 @@ class Problem:
         return self._with_functions(self.functions.with_mask(mask))
 
     def with_known_values(self, mask: FloatArray | None) -> Problem:
-        """Return a copy with a mask (V,) that keeps the values of masked vertices.
+        """Return a copy with another mask (V,); the values of masked vertices do not change.
 
-        The functions have to be known at masked vertices. The argument ``mask`` of `Problem` would
-        replace their values.
+        All functions have to be known at masked vertices. The argument ``mask`` of `Problem` would
+        extend them harmonically to these vertices.
         """
         term = self.functions
         return self._with_functions(term.with_values(term.mesh, term.source, term.target, mask))
@@ -264,10 +265,10 @@ class Problem:
     def subdivided(self) -> Problem:
         """Return the problem on the midpoint subdivision of its mesh; the result is cached.
 
-        Specs are evaluated again, except those of files, vertex permutations and curvature. These
-        functions and arrays are interpolated. The mask at the midpoint of an edge is the smaller
-        one of its ends, so masked values have no effect. A start on the mesh itself is made
-        continuous and evaluated on the child faces.
+        Specs are evaluated again, except those of files, vertex permutations and curvature. Such
+        functions, and functions given as arrays, are interpolated. The mask at the midpoint of an
+        edge is the smaller one of its ends, so masked values have no effect. A start on the mesh
+        itself is made continuous and evaluated on the child faces.
 
         Raises
         ------
@@ -309,7 +310,10 @@ class Problem:
         )
 
     def restricted(self, restriction: Restriction) -> Problem | None:
-        """Return the problem on a coarser mesh, without a start; None if a term is not defined."""
+        """Return the problem on a coarser mesh, without a start.
+
+        None if a data term is undefined there, such as that of functions with a mask of zeros.
+        """
         terms = tuple(term.restricted(restriction) for term in self.terms)
         if None in terms:
             return None
@@ -352,7 +356,7 @@ class Problem:
         return {name: np.asarray(part) for name, part in parts.items()}
 
     def residual(self, advected: FloatArray, errors: FloatArray | None) -> float:
-        """Return the larger residual of advected functions (C, V) and landmark errors (L,)."""
+        """Return the larger residual: of advected functions (C, V) or of landmark errors (L,)."""
         of_functions = self.functions.residual(advected)
         return of_functions if errors is None else max(of_functions, residual_of_errors(errors))
 
@@ -376,7 +380,7 @@ class Problem:
         raise AttributeError(f"a Problem is immutable; make a new one instead of setting {name}")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without meshes of the terms, which `__setstate__` makes again."""
+        """Return the state for pickling, without meshes of terms; `__setstate__` adds these."""
         names = ("mesh", "parameters", "fine_start", "channels_given", "specs", "landmarks")
         terms = [copy(term) for term in self.terms]
         for term in terms:
@@ -400,7 +404,7 @@ class Problem:
 
 
 def load_problem(path: File) -> Problem:
-    """Read a problem that `abfm.Problem.save` wrote; ResultError if that is not possible."""
+    """Read a problem from a file of `abfm.Problem.save`; raise ResultError if that fails."""
 
     def made(arrays: dict[str, NDArray[Any]]) -> Problem:
         return problem_of(results.mesh_of(arrays), arrays)
@@ -409,7 +413,7 @@ def load_problem(path: File) -> Problem:
 
 
 def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Problem:
-    """Return the problem of stored arrays, also with function values that are too large."""
+    """Return the problem of stored arrays; unlike `Problem`, accept values that are too large."""
     parameters = Parameters.of(**from_json(str(arrays["parameters"])))
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     landmarks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
@@ -437,7 +441,10 @@ def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Proble
 
 
 def check_fields(velocity: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return fields of this shape (N, F, 3) after checks; one field may be given as (F, 3)."""
+    """Check that fields are finite and have ``shape`` (N, F, 3); return them.
+
+    A single field may also have the shape (F, 3). ``name`` appears in error messages.
+    """
     field = real_numbers(velocity, name, ParameterError)
     if field.shape == shape[1:] and shape[0] == 1:
         field = field[None]
@@ -478,7 +485,7 @@ def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landma
 
 
 def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:
-    """Return a mask (V,) on the subdivided mesh; a midpoint has the smaller value of its edge."""
+    """Return a mask (V,) on the subdivided mesh; a midpoint gets the smaller value of its edge."""
     return np.concatenate([mask, mask[mesh.edges].min(axis=1)])
 
 
@@ -507,7 +514,7 @@ def _values(mesh: TriangleMesh, given: Any) -> FloatArray:
 def _mask_of_known(
     mesh: TriangleMesh, functions: tuple[FloatArray, FloatArray], mask: FloatArray | None
 ) -> FloatArray | None:
-    """Return a mask (V,) that is 0 also where a function is NaN; None if nothing is masked."""
+    """Return a mask (V,), set to 0 where a function is NaN; None if no vertex is masked."""
     missing = np.zeros(len(mesh.vertices), dtype=bool)
     for values in functions:
         if values.ndim in (1, 2) and np.isnan(values).any():
@@ -529,7 +536,7 @@ def _mask_of_known(
 
 
 def _filled_in(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Return functions (V,) or (V, C), extended to vertices at which they are not known (V,)."""
+    """Extend functions (V,) or (V, C) harmonically to vertices where ``known`` (V,) is False."""
     if known.all() or values.ndim not in (1, 2) or values.size == 0:
         return values
     array = mesh.restrict(values)
@@ -560,10 +567,10 @@ def _read_only(array: FloatArray) -> FloatArray:
 
 
 def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> FloatArray:
-    """Return a function (V,) on the subdivided mesh, (V + E,).
+    """Return the values of a function (V,) on the subdivided mesh, (V + E,), with E edges.
 
-    The function is evaluated from its spec if this defines the same function on the subdivided
-    mesh, else interpolated.
+    If the spec defines the same function on the subdivided mesh, it is evaluated there. Otherwise,
+    the values are interpolated.
     """
     fine = refined(mesh, 1)
     if spec and _is_meaningful(spec):

@@ -60,7 +60,7 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
 def residual_text(match: Match) -> str:
     """Return the residuals of a match: ``0.012, 0.03 along flow lines, 0.1% folded``.
 
-    If the match has several consecutive fields, their number follows.
+    If the match has several consecutive fields, the text ends with their number.
     """
     parts = [f"{match.residual:.3g}"]
     if not math.isnan(match.verified_residual):
@@ -78,10 +78,10 @@ def value_text(value: object) -> str:
 
 
 def advice_in_options(verdict: Verdict, facts: Facts, result: str = "") -> str:
-    """Return the advice with command-line options: ``refine (--refine 1 --start match.npz)``.
+    """Return the advice as command-line options: ``refine (--refine 1 --start match.npz)``.
 
-    Advice that changes no parameter is returned in words, with names of options. Without the file
-    ``result`` to start from, the options start without motion.
+    Advice that changes no parameter is returned in words, with names of options. The file
+    ``result`` is the start of the next run; without it, the options start without motion.
     """
     found = []
     for remedy in verdict.remedies:
@@ -99,7 +99,7 @@ def _row(match: Match, step: PathStep) -> dict[str, float | None]:
 
 
 def path_lines(match: Match) -> list[str]:
-    """Return the path as lines of a table; a star marks the step that is the match."""
+    """Return the path as lines of a table; a star marks the selected step."""
     steps = [_row(match, step) for step in match.path]
     heads = [*STEP_COLUMNS, "refined", *([SCORE] if has_scores(steps) else [])]
     rows = [heads]

@@ -133,7 +133,7 @@ class Match(Display):
 
     @property
     def mask(self) -> FloatArray | None:
-        """Weight of the mismatch at each vertex, (V,), or None."""
+        """Weight of the mismatch at each vertex, (V,); None if it is 1 everywhere."""
         return self.problem.mask
 
     @property
@@ -143,7 +143,7 @@ class Match(Display):
 
     @property
     def channels_given(self) -> bool:
-        """Whether source and target were given as (V, C), the shape that `advect` returns."""
+        """Whether source and target were given as (V, C); `advect` then returns this shape."""
         return self.problem.channels_given
 
     @cached_property
@@ -160,7 +160,7 @@ class Match(Display):
 
     @property
     def refined(self) -> int:
-        """The number of subdivisions from the mesh to that of the fields."""
+        """The number of times the mesh is subdivided to get the mesh of the fields."""
         return times_subdivided(self.fine_velocity.shape[1], self.mesh)
 
     @cached_property
@@ -186,7 +186,7 @@ class Match(Display):
 
     @property
     def worse_residual(self) -> float:
-        """The larger residual of both checks, the discrete flow and flow lines."""
+        """The larger one of the residuals of the discrete flow and along flow lines."""
         return worse_residual(self.residual, self.verified_residual)
 
     @cached_property
@@ -228,9 +228,9 @@ class Match(Display):
         return self.flow.push(h, t)
 
     def at_step(self, step: int) -> Match:
-        """Return the match of another step of the path, with its verdict.
+        """Return the match of another step of the path, with the verdict of that step.
 
-        IndexError if there is no such step.
+        Raise IndexError if there is no such step.
         """
         if step == self.step:
             return self
@@ -266,11 +266,11 @@ class Match(Display):
         return other._recomputed(problem, fine_advected)
 
     def with_bound(self, bound: Bound) -> Match:
-        """Return the match as the result of a search within a bound of distortion."""
+        """Return a copy with a bound of distortion, by which the verdict explains the residual."""
         return replace(self, bound=bound, verdict=self.verdict.with_bound(bound))
 
     def reverified(self) -> Match:
-        """Return the match after verifying its numbers by advecting the source once.
+        """Return the match after verifying its numbers, which takes one advection of the source.
 
         Numbers that disagree with the field are recomputed, and ``load_warning`` states why.
         """
@@ -285,7 +285,7 @@ class Match(Display):
 
     @np.errstate(over="ignore", invalid="ignore")  # files may have functions that are too large
     def _checked_against(self, problem: Problem, fine_advected: FloatArray) -> Match:
-        """Return the match; recompute its numbers if a newly advected source (V, C) disagrees."""
+        """Return the match; recompute it if a newly advected source (V, C) contradicts it."""
         advected = fine_advected[: len(self.mesh.vertices)]
         residual = problem.residual(fine_advected.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
@@ -314,7 +314,7 @@ class Match(Display):
     def _recomputed(
         self, problem: Problem, fine_advected: FloatArray, is_verified: bool = True
     ) -> Match:
-        """Return the match with new numbers, for its field and the advected source (V, C)."""
+        """Return the match with numbers recomputed from its field and advected source (V, C)."""
         numbers, selected = dict[str, float](), self.path[self.step]
         if is_verified:
             with suppress(AbfmError):  # flow lines that cross too many faces
@@ -362,7 +362,7 @@ class Match(Display):
         )
 
     def judged(self, energies: FloatArray | None = None) -> Match:
-        """Return the match with a verdict by its numbers.
+        """Return the match with a new verdict, which is determined by its numbers.
 
         ``energies`` are those of the iterates of the last stage, if known.
         """
@@ -392,14 +392,15 @@ class Match(Display):
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """Return the fields (N, 4^k F, 3) as a start for other parameters, scaled to their tau."""
+        """Return the fields (N, 4^k F, 3) as a start for other parameters, scaled for their tau."""
         faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
-        """Return the origin of the value of each vertex at time ``t``, along flow lines.
+        """Return the points whose flow lines reach the vertices at time ``t``, by default tau.
 
-        If ``inverse``, return the destination of each vertex. See `abfm.Flow.point_map`.
+        If ``inverse``, return the points that flow lines from the vertices reach at time ``t``. See
+        `abfm.Flow.point_map`.
         """
         return self.flow.point_map(t, inverse)
 
@@ -428,8 +429,8 @@ class Match(Display):
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the valid parts of a match that `save` cannot write, at least its field.
 
-        Return the missing parts with the reasons, one line each. ResultError if the field cannot be
-        written.
+        Return one line for each missing part, with the reason. Raise ResultError if the field
+        cannot be written.
         """
         return results.save_parts(path, self._parts(), substitutes(self))
 
@@ -443,9 +444,10 @@ def _advected(problem: Problem, velocity: FloatArray) -> FloatArray:
 
 
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return functions that make the parts of the file of a match, except its mesh.
+    """Return the parts of the file of a match, except its mesh, as functions that make them.
 
-    Any part except the fields may fail. Unknown values are omitted.
+    A function may raise an error, and its part is then omitted; only the fields are indispensable.
+    Unknown values are omitted.
     """
     problem, remedies, landmarks = match.problem, match.verdict.remedies, match.problem.landmarks
     grouped = {
@@ -483,7 +485,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 
 
 def substitutes(match: Match) -> dict[str, Any]:
-    """Return replacements for arrays of a match that cannot be saved.
+    """Return arrays, by name, that replace those of a match that cannot be saved.
 
     Advected source and residual are recomputed from the field if possible. When the file is loaded,
     arrays that disagree with the field are recomputed.
@@ -505,7 +507,7 @@ def substitutes(match: Match) -> dict[str, Any]:
 
 
 def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return the attributes of these names, without unknown values."""
+    """Return attributes by name, except those whose value is unknown (None or NaN)."""
     values = {name: getattr(match, name) for name in names}
     return {
         name: value
@@ -527,7 +529,7 @@ def load_match(path: File) -> Match:
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of the arrays of a file; inconsistent arrays raise an error of any type."""
+    """Return the match of the arrays of a file; errors of any type if they are inconsistent."""
     problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
     segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
     if segments not in (0, len(velocity)):

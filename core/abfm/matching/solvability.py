@@ -60,7 +60,8 @@ def range_bound(functions: FunctionTerm) -> float:
 def value_gap(functions: FunctionTerm) -> float:
     """Return the larger `range_bound` of the match from f to g and of the match from g to f.
 
-    Both directions have the same result. If it is large, at least one of them has no match.
+    The value is the same if f and g are exchanged. If it is large, at least one of the two matches
+    is impossible.
     """
     return max(range_bound(functions), range_bound(functions.reversed()))
 
@@ -83,10 +84,11 @@ def target_is_constant(functions: FunctionTerm) -> bool:
 
 
 def distance(functions: FunctionTerm) -> float:
-    """Return the straight distance that the source has to move, in sqrt(area); 0 if none.
+    """Return the straight distance over which the source has to move, in sqrt(area).
 
     The difference of source and target has a positive and a negative part. The distance is that
-    between the centres of both parts, in the channel with the largest one.
+    between the centres of both parts, in the channel where it is largest. It is 0 if no channel has
+    both parts.
     """
     excess = (functions.source - functions.target)[_weighted_channels(functions)] * functions.areas
     more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
@@ -101,10 +103,11 @@ def distance(functions: FunctionTerm) -> float:
 
 
 def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Return whether shrinking the source to half or less gained more than moving it.
+    """Return whether shrinking the source reduced the mismatch more than moving it.
 
     Let ``a`` be the advected source (C, V), and subtract the mean of each function. Shrinking then
-    lowers ``|a - g|^2`` by ``|f|^2 - |a|^2``, and motion lowers it by ``2 <a - f, g>``.
+    lowers ``|a - g|^2`` by ``|f|^2 - |a|^2``, and motion lowers it by ``2 <a - f, g>``. False if
+    ``|a|^2`` is at least half of the smaller one of ``|f|^2`` and ``|g|^2``.
     """
     size = min(functions.deviation(functions.source), functions.deviation(functions.target)) ** 2
     remaining = functions.deviation(advected) ** 2
@@ -125,11 +128,11 @@ def hardly_moved(functions: FunctionTerm, advected: FloatArray) -> bool:
 
 
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
-    """Return the number of edges that the narrow features of a function (V,) or (V, C) span.
+    """Return the width of the narrow features of a function (V,) or (V, C), in edges.
 
-    With several channels it is the least number, and inf for constants. It is half the range of the
-    function, divided by the change along an edge that is exceeded on a quarter of the variation
-    ``int |grad f|^2``.
+    The width is half the range of the function, divided by a change along an edge. A quarter of the
+    variation ``int |grad f|^2`` lies on edges with larger changes than this one. With several
+    channels, the result is the smallest width. It is infinite for constants.
 
     A Gaussian ``exp(-r^2 / (2 width^2))`` on a regular mesh spans its width divided by the edge
     length, to within 15%. Its width has to be at least one edge. A jump spans half an edge. Bumps
@@ -139,9 +142,10 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
 
 
 def narrowest(functions: FunctionTerm) -> float:
-    """Return the smaller `resolution` of source and target, and of channels with a weight above 0.
+    """Return the smallest `resolution` of all channels of source and target, in edges.
 
-    Features of the target count only where the mask is above 0.
+    Only channels with a weight above 0 count. Features of the target count only where the mask is
+    above 0.
     """
     mesh, weighted, known = functions.mesh, functions.weights > 0, functions.areas > 0
     sources = [_of_channel(mesh, f) for f in functions.source[weighted]]
@@ -181,7 +185,7 @@ def _constant(values: FloatArray) -> bool:
 
 
 class Extrema(NamedTuple):
-    """Numbers of peaks and pits of a function."""
+    """The numbers of peaks (maxima) and pits (minima) of a function."""
 
     peaks: int
     pits: int
@@ -196,16 +200,20 @@ Difference: TypeAlias = tuple[Counted, Counted]
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the persistence, if above 0, of each peak of f (V,), descending; for pits pass -f."""
+    """Return the persistence of each peak of f (V,), if above 0, in descending order.
+
+    Use -f for pits. The persistence is the height of the peak above its pass to a higher peak.
+    """
     births, deaths = diagram(mesh, f).T
     return np.asarray(births - deaths)
 
 
 def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Return the persistence diagram of the peaks of a function (V,), as rows of (K, 2).
+    """Return the persistence diagram of the peaks of a function (V,), as rows (K, 2).
 
-    A row has the value of a peak and of its pass to a higher peak. Peaks of persistence 0 are
-    omitted, and the peak of the largest persistence is the first one.
+    A row has the value at a peak and the value at its pass to a higher peak. For the highest peak,
+    the second value is the minimum of the function. Peaks of persistence 0 are omitted, and the
+    peak of the largest persistence is the first one.
     """
     if not np.ptp(f) > _ROUNDING_SHARE * np.abs(f).max():
         return np.empty((0, 2))
@@ -221,10 +229,10 @@ def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 def is_measured(functions: FunctionTerm) -> bool:
     """Return whether functions have so much detail that they are treated as measured.
 
-    Measured functions match only approximately. They have more than 20 peaks and pits, in source or
-    target and in any channel, with a persistence above 2% of the range. Noise whose standard
-    deviation is a tenth of the function's also causes such peaks. Functions that the user declares
-    as approximate are treated alike.
+    Measured functions match only approximately. They have more than 20 peaks and pits with a
+    persistence above 2% of the range, in any channel of source or target. Noise whose standard
+    deviation is a tenth of that of the function also causes such peaks. Functions that the user
+    declares as approximate are also treated as measured.
     """
     if functions.approximate and not functions.is_constant:
         return True
@@ -242,7 +250,7 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
 
 
 def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Return the peaks and pits of two functions (V,), if they certainly differ, else None.
+    """Return the peaks and pits of two functions (V,) if they certainly differ, else None.
 
     The functions differ if a peak or pit has no counterpart, and a persistence above 0.2 of the
     larger range. Value and pass of a counterpart differ by at most 0.1 of that range. For every
@@ -280,8 +288,8 @@ def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Diff
 def _unpaired(one: FloatArray, other: FloatArray, difference: float) -> FloatArray:
     """Return the rows of a diagram (K, 2) without a counterpart in another diagram (L, 2).
 
-    A counterpart differs by at most ``difference``. Only rows with a persistence above twice that
-    are considered, and they are paired so that as few as possible remain.
+    A counterpart differs by at most ``difference``. Only rows with a persistence above ``2 *
+    difference`` are considered. Rows are paired so that as few as possible remain.
     """
     one = one[np.abs(one[:, 0] - one[:, 1]) > 2 * difference]
     is_close = np.abs(one[:, None] - other[None]).max(axis=-1, initial=0.0) <= difference
@@ -291,11 +299,11 @@ def _unpaired(one: FloatArray, other: FloatArray, difference: float) -> FloatArr
 
 
 def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Return the ranges of two functions (V,) on the invariant part where they differ most.
+    """Return the ranges of functions f and g (V,) on the invariant part where they differ most.
 
     A flow maps two kinds of parts to themselves: boundary loops, and parts of the surface that
-    touch the rest only at pinched vertices. None if the ranges differ nowhere by more than 0.1 of
-    the larger range.
+    touch the rest only at pinched vertices. The ranges are returned as texts. None if they differ
+    nowhere by more than 0.1 of the larger range.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
     largest, ranges_there, at = _DIFFERENCE_SHARE * scale, None, ""
@@ -317,10 +325,10 @@ def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Dif
 
 
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """Return the first channel with features that no flow can match, and these features of f and g.
+    """Return the first channel with features that no flow can match, and these features as texts.
 
-    The result is None if neither `extrema_difference` nor `boundary_difference` finds a difference,
-    or if a vertex is masked, since the mask may hide the difference.
+    The result is None if neither `extrema_difference` nor `boundary_difference` finds a difference.
+    It is also None if a vertex is masked, since the mask may hide the difference.
     """
     if (functions.areas > 0).all():
         for channel in _weighted_channels(functions):
@@ -342,10 +350,11 @@ def _count(persistences: tuple[FloatArray, FloatArray], least: float) -> Extrema
 
 @kernel
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
-    """Return the rank at which the peak of each rank meets a higher peak, (V,).
+    """Return the rank of the vertex at which each peak meets a higher peak, (V,).
 
-    Vertices are ranked from the highest (rank 0). A vertex that is not a peak has its own rank, and
-    the highest peak has the last rank.
+    Ranks number the vertices from the highest value (rank 0) to the lowest. The result is ordered
+    by the rank of the peak. A vertex that is not a peak has its own rank, and the highest peak has
+    the last rank.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)

@@ -30,10 +30,10 @@ _MESHES_CACHED_MAX = 2  # meshes with their operators in each process
 def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Match]:
     """Match many problems on an executor; yield the matches in the order of the problems.
 
-    Each process caches the last meshes and their operators for the following problems. Matches are
-    returned without meshes, and ``match.mesh`` is the mesh of the problem. The work starts when the
-    first match is requested. Closing the iterator cancels the other problems, and stops running
-    matches on this machine.
+    Each process caches the last meshes and their operators for the following problems. Workers
+    return matches without meshes, and ``match.mesh`` is the mesh of the problem. The work starts
+    when the first match is requested. Closing the iterator cancels the other problems, and stops
+    running matches on this machine.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def solve_many(problems: Iterable[Problem], executor: Executor) -> Iterator[Matc
 
 
 class _Task(NamedTuple):
-    """A problem for a worker; the sender's file ``marker`` exists while the match is needed."""
+    """A problem for a worker, which stops when the sender deletes the file ``marker``."""
 
     problem: Parcel
     marker: Path
@@ -98,9 +98,9 @@ class _Task(NamedTuple):
 
 
 def _disk(folder: Path) -> tuple[str, int, int]:
-    """Return an identity of the disk of a temporary folder; it outlasts the folder.
+    """Return what identifies the disk of a temporary folder, also after the folder is deleted.
 
-    The identity is the name of the machine, with device and inode of the parent folder. Machines
+    It consists of the name of the machine, and of device and inode of the parent folder. Machines
     with equal disks have different names, and containers with equal names have different disks.
     """
     try:

@@ -69,7 +69,7 @@ MAX_DISTORTION = number_input(
 
 
 def facts_of_file(path: Path) -> Facts:
-    """Return the facts in the file of a match or registration; ResultError if it is invalid."""
+    """Return the facts of the match or registration in a file; ResultError if it is invalid."""
     entries = results.REGISTRATION.entries
     with results.open_archive(path, results.RESULT.name, results.REMEDY) as archive:
         found = results.check_arrays(archive, {name: entries[name] for name in _ENTRIES_OF_FACTS})
@@ -94,7 +94,7 @@ def facts_of_file(path: Path) -> Facts:
 
 
 def preview(path: Path) -> Preview:
-    """Return a preview of the first channel; of a registration, it shows the match on surface B."""
+    """Return a preview of the first channel of a result; a registration shows the match on B."""
     names = ("source", "advected", "target")
     return preview_of(path, results.RESULT, lambda arrays: [arrays[name][:, 0] for name in names])
 
@@ -232,7 +232,7 @@ class MatchTask(Task):
 
     @property
     def digest(self) -> str:
-        """Hash that names the result; it depends on the problem and any bound of distortion."""
+        """Hash that identifies the result by its problem and any bound of distortion."""
         if self.max_distortion is None:
             return self.problem.digest
         named = f"{self.problem.digest} max-distortion {self.max_distortion!r}"
@@ -265,7 +265,7 @@ class ProblemTask(MatchTask):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Accept all values."""
+        """Accept all values, because the file contains a complete problem."""
 
     @classmethod
     def read(cls, given: TaskInputs) -> ProblemTask:
@@ -274,7 +274,10 @@ class ProblemTask(MatchTask):
 
 
 def _start(path: str | None, faces: IntArray, parameters: Parameters) -> FloatArray | None:
-    """Return the field of an earlier result with the same faces; None without a path."""
+    """Return the field of an earlier result as a start for ``parameters``; None without a path.
+
+    Raise ResultError if the faces of its mesh differ.
+    """
     if path is None:
         return None
     earlier = load_match(path)

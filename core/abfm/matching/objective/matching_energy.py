@@ -110,7 +110,10 @@ class Bracket:
     def _sources(
         self, flow: ExponentialFlow, f: FloatArray, dt: float, mu: FloatArray
     ) -> FloatArray:
-        """Return the sum over r in the formula, for one channel and ``mu`` (V,), as (2F,)."""
+        """Return the sum over r in the formula of `Bracket`, for one channel, as (2F,).
+
+        ``mu`` (V,) is the derivative by the advected function.
+        """
         states = [f]
         for _ in range(self.substeps - 1):
             checkpoint()
@@ -125,7 +128,7 @@ class Bracket:
         return total
 
     def _integral(self, v: FloatArray, sources: FloatArray, dt: float) -> FloatArray:
-        """Return the derivative by ``v`` (F, 2), by integrating the sums over k intervals."""
+        """Return the derivative by ``v`` (F, 2): the sums, integrated over k intervals."""
         bracket = Matrix(lie_bracket(self.mesh, v).T.tocsr())
         total = term = sources
         for _ in range(self.quadrature):
@@ -257,7 +260,7 @@ class MatchingEnergy:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """The shape (N, F, 2) of the frame coefficients, with the smallest number of fields."""
+        """The shape (N, F, 2) of frame coefficients; N is ``segments``, but at least 1."""
         return max(1, self.parameters.solver.segments), len(self.mesh.faces), 2
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
@@ -355,7 +358,10 @@ class MatchingEnergy:
         return partial(self.landmarks.misfit, tau=self.parameters.tau, sigma=sigma)
 
     def residual_at(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
-        """Return the residual at an evaluation: the larger one of functions and landmarks."""
+        """Return the residual at an evaluation: the larger one of functions and landmarks.
+
+        The functions ``shift`` (C, V) are subtracted from the advected functions.
+        """
         return self._worse_residual(point.advected - shift, point.landmark_errors)
 
     def residual_of(self, x: FloatArray, advected: FloatArray) -> float:
@@ -366,7 +372,10 @@ class MatchingEnergy:
         return self._worse_residual(advected, self.landmark_errors(x))
 
     def landmark_errors(self, x: FloatArray) -> FloatArray | None:
-        """Return `Landmarks.errors_along` of fields (N, F, 2), (L,); None without landmarks."""
+        """Return the landmark errors (L,) along flow lines of fields (N, F, 2).
+
+        None if the problem has no landmarks.
+        """
         if self.landmarks is None:
             return None
         velocity = to_ambient(self.mesh, x)

@@ -1,9 +1,9 @@
 """The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
 
-``R = G_F D_alpha = M + M (alpha_1 A G_1^-1 A^T + alpha B G_0^-1 B^T) M``, where ``M = G_F``, ``A``
-are gradients of edge functions and ``B`` rotated gradients of vertex functions. ``G_1`` and ``G_0``
-are the masses of these functions. In the paper, divergence and curl have the same weight,
-``alpha_1 = alpha``; here the weight of the divergence may be larger.
+``R = G_F D_alpha = M + M (alpha_1 A G_1^-1 A^T + alpha B G_0^-1 B^T) M``, where ``M = G_F`` is the
+mass matrix of fields. ``A`` are gradients of edge functions, and ``B`` are rotated gradients of
+vertex functions; ``G_1`` and ``G_0`` are the masses of these functions. In the paper, divergence
+and curl have the same weight, ``alpha_1 = alpha``. Here the weight of the divergence may be larger.
 
 Because ``A^T M B = 0``, the Woodbury identity splits into two scalar problems,
 ``R^-1 = M^-1 - alpha_1 A (G_1 + alpha_1 A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
@@ -36,10 +36,10 @@ _MASS_SHARE_MIN = 1e-13
 
 
 class Regularizer:
-    """The norm ``R = G_F D_alpha^order`` on coefficients (F, 2), and its inverse.
+    """The norm ``R = G_F D_alpha^order`` on frame coefficients (F, 2) of a field, and its inverse.
 
-    The norm of the paper has order 1. Its weight ``divergence`` of the divergence relative to the
-    curl is 1.
+    The argument ``divergence`` is the weight of the divergence relative to the curl. The norm of
+    the paper has ``order`` 1 and ``divergence`` 1.
     """
 
     def __init__(
@@ -63,7 +63,10 @@ class Regularizer:
         self._factors: list[Solve] = []  # factors shared by norms of all orders
 
     def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:
-        """Return the masses, raised to the size of rounding errors of the stiffness."""
+        """Return masses large enough for a matrix of mass plus stiffness to be positive definite.
+
+        Smaller masses are raised to the size of rounding errors of the stiffness.
+        """
         of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
         weights = alpha * self._areas[:, None] * of_corners
         diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
@@ -93,14 +96,14 @@ class Regularizer:
         return other
 
     def apply(self, v: FloatArray) -> FloatArray:
-        """Return ``R v``."""
+        """Return ``R v`` for a field (F, 2)."""
         momentum = self._apply_once(v)
         for _ in range(self.order - 1):
             momentum = self._apply_once(momentum / self._areas[:, None])
         return momentum
 
     def inverse(self, momentum: FloatArray) -> FloatArray:
-        """Return ``R^-1 m`` by two scalar solves for each order; the first call factors."""
+        """Return ``R^-1 m`` by two scalar solves for each order; the first call factorises."""
         v = self._invert_once(momentum)
         for _ in range(self.order - 1):
             v = self._invert_once(self._areas[:, None] * v)
@@ -137,7 +140,7 @@ class Regularizer:
 def regularizer(
     mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
 ) -> Regularizer:
-    """Return the norm of a mesh; the latest norm of each mesh is cached."""
+    """Return the norm of the fields on a mesh; each mesh caches its latest norm."""
     latest: Regularizer | None = mesh.cache.get("regularizer")
     if latest is None or (latest.alpha, latest.divergence) != (alpha, divergence):
         latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order, divergence)
@@ -148,7 +151,10 @@ def regularizer(
 def add_products(
     slopes: Slopes, v: FloatArray, of_edges: FloatArray, of_vertices: FloatArray
 ) -> None:
-    """Add the products of a field (F, 2) with gradients to values on edges and on vertices."""
+    """Add products of a field (F, 2) and gradients of edge and vertex functions to two arrays.
+
+    The arrays are ``of_edges`` and ``of_vertices``, with a value for each function.
+    """
     gradients, edges, vertices = slopes
     for f in range(edges.shape[0]):
         for c in range(3):
@@ -165,7 +171,7 @@ def add_gradients(
     factors: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Add gradients of functions on edges and vertices, times factors (F,), to a field (F, 2)."""
+    """Add gradients of edge and vertex functions, times factors (F,), to a field ``out`` (F, 2)."""
     gradients, edges, vertices = slopes
     for f in range(edges.shape[0]):
         first, second = 0.0, 0.0

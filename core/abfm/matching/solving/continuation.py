@@ -513,7 +513,11 @@ def _may_refine(state: State) -> bool:
 
 
 def _is_resolved(levels: Levels, result: StepResult) -> bool:
-    """Return whether the mesh resolves the functions, so that a finer one would not help."""
+    """Return whether a finer mesh would not reduce the residual of a step.
+
+    True if the mesh resolves the features of the functions, and the match nevertheless fails. The
+    discrete flow then has a large residual, or the peaks of the functions differ.
+    """
     functions = levels[result.stage.level].energy.functions
     if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
         return False

@@ -16,7 +16,7 @@ from abfm.types import FloatArray
 
 
 class Restriction(Protocol):
-    """The transfer of functions to a coarser or finer mesh of the same surface and unit."""
+    """The transfer of functions to ``coarse``, another mesh of the same surface and unit."""
 
     @property
     def coarse(self) -> TriangleMesh: ...
@@ -27,7 +27,7 @@ class Restriction(Protocol):
 
 
 class Measure(Protocol):
-    """The energy of a data term with a norm, as a function of the advected sources (C, V)."""
+    """The energy of a data term in one norm, as a function of the advected sources (C, V)."""
 
     def value_and_derivative(self, advected: FloatArray, sigma: float) -> tuple[float, FloatArray]:
         """Return the energy and its derivative (C, V)."""
@@ -58,7 +58,10 @@ class DataTerm(Protocol):
         ...
 
     def restricted(self, restriction: Restriction) -> DataTerm | None:
-        """Return the term on the other mesh, scaled to unit area; None if it is undefined there."""
+        """Return the term on the mesh of a restriction, scaled to unit area.
+
+        None if the term is undefined there.
+        """
         ...
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
@@ -74,7 +77,7 @@ class DataTerms:
         self.sources: FloatArray = np.concatenate([term.sources for term in terms])
 
     def residual(self, advected: FloatArray) -> float:
-        """Return the square root of the sum of the squared residuals."""
+        """Return the square root of the sum of the squared residuals of all terms."""
         pairs = zip(self.terms, self.split(advected), strict=True)
         return math.hypot(*(term.residual(part) for term, part in pairs))
 
@@ -83,14 +86,14 @@ class DataTerms:
         return Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
 
     def split(self, functions: FloatArray) -> list[FloatArray]:
-        """Return the functions (C, V) of each term."""
+        """Split functions (C, V) of all terms into those of each term."""
         ends = np.cumsum([len(term.sources) for term in self.terms])
         return np.split(functions, ends[:-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """The energies of several terms."""
+    """The energies of several terms, and their sum."""
 
     split: Callable[[FloatArray], list[FloatArray]]
     measures: Sequence[Measure]

@@ -96,7 +96,10 @@ class FunctionTerm:
         return self.source
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
-        """Return the energy in the norm of beta, or in a smoothed norm if ``reach`` is above 0."""
+        """Return the energy in the norm of the parameter beta.
+
+        If ``reach`` is above 0, return that in a smoothed norm, which compares over this distance.
+        """
         unit = self.function_size if parameters.paper.sigma_unit == "relative" else 1.0
         if reach:
             difference = self.source - self.target
@@ -122,7 +125,7 @@ class FunctionTerm:
         return self.norm(advected - self.target) / scale
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return the L2 norm of channels (C, V), relative to `varying_size`."""
+        """Return the L2 norm of channels (C, V), divided by `varying_size`, that of the target."""
         return self.norm(difference) / self.varying_size
 
     @cached_property
@@ -137,12 +140,12 @@ class FunctionTerm:
         return next((size for size in (*sizes, *norms) if size), 1.0)
 
     def _varying(self, functions: FloatArray) -> float:
-        """Return the L2 norm of channels (C, V) minus means; 0 if that is a rounding error."""
+        """Return the L2 norm of channels (C, V) minus means; 0 if only rounding errors remain."""
         deviation = self.deviation(functions)
         return deviation if deviation > CONSTANT_SHARE * self.norm(functions) else 0.0
 
     def restricted(self, restriction: Restriction) -> FunctionTerm | None:
-        """Return the term on another mesh; None if the mask is 0 everywhere there."""
+        """Return the term on the mesh of a restriction; None if the mask is 0 everywhere there."""
         average = restriction.function_to_coarse
         mask = None if self.mask is None else np.maximum(average(self.mask), 0)
         if mask is not None and not mask.any():
@@ -221,12 +224,14 @@ class FunctionTerm:
 class SmoothedNorm:
     """The norm ``c A_w (A + s L)^-1 A_w`` of vertex functions, with ``s = reach^2``.
 
+    Here A are the vertex areas, ``A_w`` the same times the mask, and L the cotangent Laplacian.
+
     If source and target do not overlap, the derivative of the L2 norm only shrinks the source. The
     smoothing extends its range to ``sqrt(s)``, so that the source moves. The kernel is positive
     definite, and is a linearised distance of optimal transport [Peyre, ESAIM: COCV 24 (2018)].
 
-    ``areas`` (V,) are ``A_w``, with the mask. The factor ``c`` makes the norm of ``differences``
-    (C, V) equal to their L2 norm. Each application takes one Cholesky solve.
+    The argument ``areas`` (V,) is ``A_w``. The factor ``c`` makes the norm of ``differences`` (C,
+    V) equal to their L2 norm. Each application takes one Cholesky solve.
     """
 
     def __init__(
@@ -275,7 +280,10 @@ class _Mismatch:
 
 
 def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> FloatArray:
-    """Return a mask of the mesh or its file as (V,); ParameterError if it is invalid."""
+    """Return a checked mask (V,), from values at the vertices of the mesh or of its file.
+
+    Raise ParameterError if the mask is invalid.
+    """
     of_vertices = real_numbers(mask, name, ParameterError)
     if of_vertices.shape == (mesh.file_vertex_count,):
         of_vertices = mesh.restrict(of_vertices)
@@ -292,7 +300,7 @@ def mask_from_input(
 
 
 def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | None:
-    """Return a mask (V,) that is also 0 where functions are not known, (V,); None if all 1."""
+    """Return ``mask`` (V,), set to 0 where ``known`` (V,) is False; None if 1 everywhere."""
     if mask is None:
         return None if known.all() else known.astype(np.float64)
     return mask * known
@@ -301,7 +309,11 @@ def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | Non
 def checked_weights(
     values: ArrayLike | None, count: int, name: str, each: str, may_be_zero: bool = False
 ) -> FloatArray:
-    """Return weights (n,) of ``each`` object, by default 1; ParameterError if they are wrong."""
+    """Return checked weights (n,), by default 1.
+
+    Raise ParameterError if they are invalid. ``name`` and ``each``, the name of a weighted object,
+    appear in the message.
+    """
     if values is None:
         return np.ones(count)
     array = real_numbers(values, name, ParameterError).copy()

@@ -27,7 +27,7 @@ _USUAL_GOAL = 0.05
 
 
 class LandmarkMisfit(NamedTuple):
-    """The landmark term at some fields."""
+    """The landmark term of the energy at given fields."""
 
     energy: float
     errors: FloatArray  # (L,), errors of `Landmarks.errors`
@@ -35,7 +35,10 @@ class LandmarkMisfit(NamedTuple):
 
 
 class LandmarkCurvature(NamedTuple):
-    """Factors of the derivative ``J^T D r`` and of the approximate second one, ``J^T D J``."""
+    """Factors of the first derivative ``J^T D r`` of the landmark term and the second, ``J^T D J``.
+
+    The second derivative is approximate.
+    """
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
     weights: FloatArray  # (2 L,), diagonal matrix D
@@ -85,14 +88,17 @@ class Landmarks:
         return LandmarkMisfit(float(weights @ squares / 2), _roots(squares), slopes)
 
     def curvature(self, x: FloatArray, tau: float, sigma: float) -> LandmarkCurvature:
-        """Return the curvature of the energy, without the second derivative of the flow."""
+        """Return factors of the derivatives of the landmark term at fields (N, F, 2).
+
+        The second derivative of the flow is neglected.
+        """
         lines = self._lines(tau)
         walk = lines.walk(x)
         away = self._distances.slopes(walk.points).ravel() / 2
         return LandmarkCurvature(lines.jacobian(walk), np.repeat(self.weights / sigma**2, 2), away)
 
     def errors(self, points: SurfacePoints) -> FloatArray:
-        """Return the distances along the surface of points (L,) to the targets, (L,)."""
+        """Return the distances (L,) along the surface from points (L,) to the targets."""
         return _roots(self._distances.at(points))
 
     def errors_along(self, mesh: TriangleMesh, velocity: FloatArray, tau: float) -> FloatArray:
@@ -151,10 +157,11 @@ class Landmarks:
 def landmarks_of(
     mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool = False
 ) -> Landmarks | None:
-    """Return landmarks from the input of a user: vertices (L, 2) or two SurfacePoints, or None.
+    """Return landmarks from the input of a user; None for None.
 
-    Vertices are rows of the mesh. If ``as_file``, they are numbers of the file, which also counts
-    vertices without faces. ParameterError if they do not fit the mesh, or if their numbers differ.
+    The input has vertices (L, 2), or is a pair of SurfacePoints. Vertices are rows of the mesh or,
+    if ``as_file``, numbers of the file, which also counts vertices without faces. Raise
+    ParameterError if they do not fit the mesh, or if the two SurfacePoints differ in number.
     """
     if given is None:
         if weights is not None:
@@ -195,7 +202,10 @@ def landmarks_of(
 
 
 def residual_of_errors(errors: FloatArray) -> float:
-    """Return the largest error (L,) as a residual; `MATCHED_ERROR` gives the default goal."""
+    """Convert the largest of landmark errors (L,) to a residual.
+
+    The error `MATCHED_ERROR` gives the residual of the default goal.
+    """
     return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 

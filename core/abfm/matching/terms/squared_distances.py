@@ -44,13 +44,13 @@ class SquaredDistances:
         self._at_vertices **= 2
 
     def at(self, points: SurfacePoints) -> FloatArray:
-        """Return the squared distances (L,), which are not negative."""
+        """Return the squared distances (L,) of points to the fixed points; none is negative."""
         b, squares = points.barycentric, self._squares[points.faces]
         correction = (np.roll(b, -1, axis=1) * np.roll(b, 1, axis=1) * squares).sum(axis=1)
         return np.asarray((b * self._of_corners(points)).sum(axis=1) - correction)
 
     def slopes(self, points: SurfacePoints) -> FloatArray:
-        """Return the derivatives by the points (L, 2), in the frames of their faces."""
+        """Return the derivatives (L, 2) by the points, in the frames of the faces of the points."""
         b, squares = points.barycentric, self._squares[points.faces]
         next_one, last_one = (np.roll(b, turn, axis=1) for turn in (-1, 1))
         others = next_one * np.roll(squares, 1, axis=1) + last_one * np.roll(squares, -1, axis=1)
@@ -63,7 +63,11 @@ class SquaredDistances:
 
 
 def _at_corners(squares: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the distances of points in faces to their corners, (L, 3)."""
+    """Return the distances of points to the corners of their faces, (L, 3).
+
+    ``b`` (L, 3) are barycentric coordinates, and ``squares`` (L, 3) squared lengths of the opposite
+    edges.
+    """
     next_one, last_one = (np.roll(b, turn, axis=1) for turn in (-1, 1))
     others = next_one * np.roll(squares, 1, axis=1) + last_one * np.roll(squares, -1, axis=1)
     correction = (next_one * last_one * squares).sum(axis=1, keepdims=True)
@@ -71,7 +75,7 @@ def _at_corners(squares: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _around(mesh: TriangleMesh) -> tuple[IndexArray, IndexArray]:
-    """Return the face corners around each vertex: offsets (V + 1,) into corners (3 F,)."""
+    """Return the face corners around each vertex: offsets (V + 1,) into a list (3 F,)."""
     order = np.argsort(mesh.faces, axis=None, kind="stable")
     counts = np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
     return np.concatenate([[0], np.cumsum(counts)]), order
@@ -85,7 +89,10 @@ def propagate(
     first: IndexArray,
     distances: FloatArray,
 ) -> None:
-    """Propagate distances (V,) in place from the first vertices, at which they are known."""
+    """Propagate distances (V,) along the surface in place, from vertices with known distances.
+
+    These vertices are ``first``; all other distances are infinite at the beginning.
+    """
     starts, slots = around
     front = [(distances[v], v) for v in first]
     heapq.heapify(front)
