@@ -214,7 +214,7 @@ class _Search:
                 high = middle
 
     def _set_path(self) -> None:
-        """Replace the path of the best match by the steps within the bound, including its step."""
+        """Replace the path of the best match by all steps within the bound, including its step."""
         assert self.best is not None
         selected = self.best.path[self.best.step]
         numbers = [i for i, each in enumerate(self._path) if each.velocity is selected.velocity]

@@ -49,7 +49,7 @@ def match(
 
     The field ``v`` minimises ``1/2 int ||v||_alpha^2 dt + 1/(2 sigma^2) ||f_tau - g||^2`` (Eq. 3).
     Here ``f_tau`` is the source, advected along the flow of ``v`` to time tau. The residual of the
-    result is at most the larger one of the residual without motion and of the start.
+    result is at most the larger one of the residuals without motion and of the start.
 
     Parameters
     ----------

@@ -312,7 +312,7 @@ class Problem:
     def restricted(self, restriction: Restriction) -> Problem | None:
         """Return the problem on a coarser mesh, without a start.
 
-        None if a data term is undefined there, such as that of functions with a mask of zeros.
+        None if a data term is undefined there, for example if the mask is 0 everywhere.
         """
         terms = tuple(term.restricted(restriction) for term in self.terms)
         if None in terms:
@@ -585,7 +585,7 @@ def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> Fl
 
 
 def _is_meaningful(spec: str) -> bool:
-    """Return whether a spec defines the same function on a subdivided mesh.
+    """Return whether a function spec defines the same function on a subdivided mesh.
 
     Files and permutations belong to one mesh, and curvature is 0 at the midpoints of flat edges.
     """

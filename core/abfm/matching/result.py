@@ -138,7 +138,7 @@ class Match(Display):
 
     @property
     def weights(self) -> FloatArray:
-        """Weight of each channel's mismatch, (C,)."""
+        """Weight of the mismatch of each channel, (C,)."""
         return self.problem.weights
 
     @property
@@ -165,7 +165,7 @@ class Match(Display):
 
     @cached_property
     def fine(self) -> Match:
-        """The match on the subdivided mesh of its fields, with the functions there."""
+        """The match on the subdivided mesh of its fields, with its functions evaluated there."""
         if not self.refined:
             return self
         problem = self.problem.refined(self.refined)
@@ -266,7 +266,10 @@ class Match(Display):
         return other._recomputed(problem, fine_advected)
 
     def with_bound(self, bound: Bound) -> Match:
-        """Return a copy with a bound of distortion, by which the verdict explains the residual."""
+        """Return a copy with the attribute ``bound``; the verdict may name the bound as cause.
+
+        See `Verdict.with_bound`.
+        """
         return replace(self, bound=bound, verdict=self.verdict.with_bound(bound))
 
     def reverified(self) -> Match:
@@ -285,7 +288,7 @@ class Match(Display):
 
     @np.errstate(over="ignore", invalid="ignore")  # files may have functions that are too large
     def _checked_against(self, problem: Problem, fine_advected: FloatArray) -> Match:
-        """Return the match; recompute it if a newly advected source (V, C) contradicts it."""
+        """Return the match; if a newly advected source (V, C) contradicts it, recompute it."""
         advected = fine_advected[: len(self.mesh.vertices)]
         residual = problem.residual(fine_advected.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
@@ -392,7 +395,10 @@ class Match(Display):
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """Return the fields (N, 4^k F, 3) as a start for other parameters, scaled for their tau."""
+        """Return the fields (N, 4^k F, 3) as a start for other parameters.
+
+        If tau differs, the fields are scaled so that their map does not change.
+        """
         faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 

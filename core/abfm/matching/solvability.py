@@ -67,7 +67,7 @@ def value_gap(functions: FunctionTerm) -> float:
 
 
 def worst_channel(functions: FunctionTerm) -> int:
-    """Return the channel in which the ranges of the functions differ most."""
+    """Return the index of the channel in which the ranges of the functions differ most."""
     sides = (functions, functions.reversed())
     gaps = [((within_range(side) - side.target) ** 2) @ side.areas for side in sides]
     return int(np.argmax(np.maximum(*gaps) * functions.weights))
@@ -116,7 +116,7 @@ def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
 
 
 def vanished(functions: FunctionTerm, advected: FloatArray) -> bool:
-    """Return whether the advected source (C, V) is almost constant, but the target is not."""
+    """Return whether the advected source (C, V) is almost constant, unlike source and target."""
     least = min(functions.deviation(functions.source), functions.deviation(functions.target))
     return functions.deviation(advected) < _DEVIATION_SHARE * least
 
@@ -325,7 +325,7 @@ def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Dif
 
 
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """Return the first channel with features that no flow can match, and these features as texts.
+    """Return the index of the first channel that no flow can match, and its features of f and g.
 
     The result is None if neither `extrema_difference` nor `boundary_difference` finds a difference.
     It is also None if a vertex is masked, since the mask may hide the difference.

@@ -65,7 +65,7 @@ class Remedies:
     def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
         self._functions, self._parameters = functions, parameters
         self._refined, self._sigma = refined, parameters.last_sigma
-        # with a larger sigma than the default, the energy gains little by a match
+        # with a sigma above the default, a match reduces the energy only a little
         relative = parameters.paper.sigma_unit == "relative"
         self.has_large_sigma = relative and parameters.last_sigma > _DEFAULTS.last_sigma
 

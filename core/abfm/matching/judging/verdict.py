@@ -90,7 +90,10 @@ class Verdict:
         return cls(Outcome(kind), reason, advice, remedies, Cause(cause))
 
     def with_cause(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
-        """Return a verdict with the same residuals but another outcome and cause."""
+        """Return a verdict with the same residuals but another outcome and cause.
+
+        ``details`` are the values of the placeholders in the sentence of the cause.
+        """
         reason = f"{self.change}: {sentence_of(cause, **details)}"
         return Verdict(kind, reason, ADVICE.get(cause, ""), (), cause)
 
@@ -371,7 +374,7 @@ class _Case:
         return change
 
     def _with_landmarks(self, change: str) -> str:
-        """Append landmark errors to ``change``; return only them if functions are constant."""
+        """Append landmark errors to ``change``; return only these if no functions are matched."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])

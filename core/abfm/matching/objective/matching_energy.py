@@ -313,7 +313,10 @@ class MatchingEnergy:
         return self.discretisation.flow(x, self.parameters.tau)
 
     def clustered(self) -> MatchingEnergy:
-        """Return the energy for functions that are constant on each cluster of vertices."""
+        """Return the energy for functions that are constant on each cluster of vertices.
+
+        Clusters make the flow cheaper, see `abfm.flow.clusters`.
+        """
         energy = copy(self)  # the copy shares the norms
         energy.discretisation = self.discretisation.clustered()
         return energy
@@ -339,7 +342,10 @@ class MatchingEnergy:
         return known[alpha]
 
     def measure(self, reach: float) -> Sum:
-        """Return the norm that compares functions over a distance ``reach`` (0: point by point)."""
+        """Return the energies of the data terms in a norm that compares over a distance ``reach``.
+
+        With reach 0, functions are compared point by point.
+        """
         if reach not in self._measures:
             self._measures[reach] = self.terms.measure(self.parameters, reach)
         return self._measures[reach]

@@ -8,7 +8,7 @@ state determines the plan:
 1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until held-out
    patches no longer improve. If the first variant fails, a second one follows.
 2. Interpolation: for measured functions, sigma is interpolated between two steps.
-3. Prolongation: the best step is continued on the mesh itself, with clusters of its vertices.
+3. Prolongation: the best step is continued on the mesh of the problem, with clusters of vertices.
 4. Exact: the result is continued without clusters, if these change it.
 5. Refinement: the mesh is subdivided, and the continuation returns to 3.
 """
@@ -418,10 +418,10 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan to continue the best step on the mesh itself, with clusters if these are cheaper.
+    """Plan to continue the best step on the mesh of the problem.
 
-    For measured functions, only the sigma of this step is minimised there; otherwise, smaller ones
-    follow.
+    Clusters of vertices are used if they are cheaper. For measured functions, only the sigma of
+    this step is minimised there; otherwise, smaller ones follow.
     """
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
@@ -433,10 +433,10 @@ def _prolongation(state: State) -> State:
 
 
 def _exact(state: State) -> State:
-    """Plan to continue the best step without clusters, if its residual exceeds the goal.
+    """Plan to continue the best step without clusters of vertices.
 
-    Nothing is planned if the best step has no clusters. After defect corrections, the residual of
-    the discrete flow also has to exceed that of flow lines.
+    Nothing is planned if the step has no clusters, or if its residual is within the goal. After
+    defect corrections, the residual of the discrete flow also has to exceed that of flow lines.
     """
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual

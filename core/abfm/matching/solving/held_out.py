@@ -3,7 +3,7 @@
 The surface is divided into patches, and the patches into folds. For each fold, the same steps are
 minimised without its patches. The residual on these patches measures how well the field predicts
 values that it was not fitted to [Hastie, Tibshirani, Friedman 2009, section 7.10]. Single vertices
-would not do, because values at neighbouring vertices are correlated.
+are unsuitable, because values at neighbouring vertices are correlated.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArra
     minimum.
 
     An error e of the scores changes sigma by a factor of about ``exp(e / (2 a h))``. Here ``2 a``
-    is the curvature, and ``h`` the step width in ``log sigma``. Without interpolation, sigma
+    is the curvature, and ``h`` the step size in ``log sigma``. Without interpolation, sigma
     would change by a complete step. Scale and offset of the scores have no effect.
     """
     x, y = np.log(np.asarray(sigmas, dtype=np.float64)), np.asarray(scores, dtype=np.float64)
@@ -138,10 +138,11 @@ class HeldOut(NamedTuple):
         """Return the score of the latest step; smaller is better.
 
         ``log2_area`` is the mean ``|log2 J|`` of the map of the step. The score uses the residual
-        along flow lines, because the discrete flow has a lag. Fields of a small sigma compensate
-        for this lag, even where they are not fitted. With the discrete flow, the selected sigma
-        would therefore be too small. However, flow lines interpolate, which lowers the residual of
-        noise. Whether a field improves anything is therefore decided by the discrete flow.
+        along flow lines, because the discrete flow lags behind the exact one. Fields of a small
+        sigma compensate for this lag, even where they are not fitted. With the discrete flow, the
+        selected sigma would therefore be too small. However, flow lines interpolate, which lowers
+        the residual of noise. Whether a field improves anything is therefore decided by the
+        discrete flow.
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])

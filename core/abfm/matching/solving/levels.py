@@ -164,9 +164,9 @@ class Level:
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the next finer mesh.
+        """Transfer fields (N, F, 3) on the next finer mesh to this mesh; return coefficients.
 
-        The coefficients are on this mesh. The fields refer to the finer mesh scaled to unit area.
+        The coefficients have the shape (N, F, 2). The finer mesh has unit area.
         """
         if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
@@ -224,7 +224,7 @@ class Levels:
         return level + is_clustered
 
     def exact_energy(self, level: int) -> MatchingEnergy:
-        """Return the energy on the mesh of a level, without clusters."""
+        """Return the energy, without clusters of vertices, on the mesh of a level."""
         return self[self.exact(level)].energy
 
     def fields_on(self, level: int, x: FloatArray, origin: int) -> FloatArray:

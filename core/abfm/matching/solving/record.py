@@ -60,7 +60,7 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
 
 
 class View(Protocol):
-    """Fields and advected functions of an iterate, transferred to the mesh itself."""
+    """Fields and advected functions of an iterate, transferred to the mesh of the problem."""
 
     @property
     def velocity(self) -> FloatArray: ...
@@ -85,7 +85,7 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """The result of one step of the continuation, on the mesh of its level."""
+    """The result of one step of the continuation, on the mesh where it was computed."""
 
     stage: Stage
     x: FloatArray  # frame coefficients (N, F, 2)
@@ -158,7 +158,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class IterateView:
-    """Fields and functions of an iterate on any level, transferred to the mesh itself."""
+    """Fields and functions of an iterate on any level, transferred to the mesh of the problem."""
 
     x: FloatArray  # frame coefficients (N, F, 2)
     level_advected: FloatArray  # the advected source on the mesh of the level, (C, V)

@@ -41,7 +41,7 @@ class Stage:
     landmark_sigma: float = Parameters.landmark_sigma
     # whether the stage also ends if the residual stalls, once the target is found
     is_search: bool = False
-    # subtracted from the advected functions before they are compared with the target, (C, V)
+    # functions (C, V) subtracted from the advected ones before the comparison with the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
@@ -117,6 +117,8 @@ class Schedule:
 
     def variants(self, fields: int) -> list[Variant]:
         """Return the variants of the path that are tried on the coarsest mesh.
+
+        The first variant has the alpha of the parameters and ``fields`` consecutive fields.
 
         Measured functions have a second variant with a smaller alpha, except with the norm of first
         order. Fields of that norm follow small scales anyway: a third of alpha was not better on 21

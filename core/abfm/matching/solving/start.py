@@ -1,4 +1,4 @@
-"""Initial fields of a match on the mesh itself, on a finer mesh or on the coarsest mesh."""
+"""Initial fields of a match: on its mesh, on a subdivision of this, or on the coarsest mesh."""
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArra
 
 
 def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
-    """Return the levels up to the finer mesh of a start, and its frame coefficients there.
+    """Return the levels up to the finer mesh on which a start is given, and its coefficients.
 
     None if the start is not on a finer mesh, if the parameters exclude this mesh, or if the start
     misses the target.

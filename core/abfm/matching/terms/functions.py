@@ -98,7 +98,8 @@ class FunctionTerm:
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Return the energy in the norm of the parameter beta.
 
-        If ``reach`` is above 0, return that in a smoothed norm, which compares over this distance.
+        If ``reach`` is above 0, the norm is a smoothed one, which compares functions over this
+        distance.
         """
         unit = self.function_size if parameters.paper.sigma_unit == "relative" else 1.0
         if reach:
@@ -172,7 +173,7 @@ class FunctionTerm:
         return FunctionTerm(mesh, source.T, target.T, mask, self.weights, approximate=approximate)
 
     def on_mesh(self, mesh: TriangleMesh) -> FunctionTerm:
-        """Return the same functions on the same mesh in another unit."""
+        """Return the same functions on the same mesh in another length unit."""
         return self._copy_on(mesh, self.mask)
 
     def with_mask(self, mask: FloatArray) -> FunctionTerm:
@@ -257,7 +258,10 @@ class SmoothedNorm:
 
 @dataclass(frozen=True, eq=False)
 class _Mismatch:
-    """The energy ``sum_c w_c <d_c, M d_c> / (2 (unit sigma)^2)`` with ``d = f_tau - g``."""
+    """The energy ``sum_c w_c <d_c, M d_c> / (2 (unit sigma)^2)`` with ``d = f_tau - g``.
+
+    Here ``f_tau`` is the advected source and g the target.
+    """
 
     functions: FunctionTerm
     unit: float
@@ -293,7 +297,7 @@ def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> Flo
 def mask_from_input(
     mesh: TriangleMesh, mask: ArrayLike | None, name: str = "mask"
 ) -> FloatArray | None:
-    """Return a mask (V,) from any input that `as_values` accepts; None for None."""
+    """Return a mask (V,) from any input that `as_values` accepts; None if the input is None."""
     if mask is None:
         return None
     return checked_mask(mesh, as_values(mesh, mask, name, ParameterError), name)

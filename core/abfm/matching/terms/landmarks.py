@@ -35,9 +35,9 @@ class LandmarkMisfit(NamedTuple):
 
 
 class LandmarkCurvature(NamedTuple):
-    """Factors of the first derivative ``J^T D r`` of the landmark term and the second, ``J^T D J``.
+    """Factors of the derivatives of the landmark term, ``J^T D r`` and (second) ``J^T D J``.
 
-    The second derivative is approximate.
+    The second derivative is an approximation.
     """
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
@@ -67,18 +67,19 @@ class Landmarks:
         return {name: self.__dict__[name] for name in ("faces", "barycentric", "weights")}
 
     def points(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the landmarks; ``mesh`` may be the same mesh in another unit."""
+        """Return the landmarks as points on ``mesh``, maybe the same mesh in another unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 0], self.barycentric[:, 0])
 
     def targets(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the targets; ``mesh`` may be the same mesh in another unit."""
+        """Return the targets as points on ``mesh``, maybe the same mesh in another unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 1], self.barycentric[:, 1])
 
     def misfit(self, x: FloatArray, tau: float, sigma: float) -> LandmarkMisfit:
         """Return ``1/(2 sigma^2) sum_i w_i d(phi(p_i), q_i)^2`` and its derivative.
 
-        Here phi is the flow of fields (N, F, 2) to tau. AdvectionError if flow lines cross too many
-        faces.
+        The landmarks ``p_i`` have weights ``w_i`` and targets ``q_i``, and ``d`` is the distance
+        along the surface. The map ``phi`` is the flow of fields (N, F, 2) to tau. Raise
+        AdvectionError if flow lines cross too many faces.
         """
         lines = self._lines(tau)
         walk = lines.walk(x)

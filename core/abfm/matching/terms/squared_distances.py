@@ -1,8 +1,8 @@
 """Squared distances along a surface to some of its points, and their exact derivative.
 
 Distances of vertices are lengths of straight lines over unfolded faces. A front propagates from the
-point. Each face locates this source in its plane by the distances of two corners [Novotni and
-Klein, Computing Geodesic Distances on Triangular Meshes, WSCG 2002].
+point. In the unfolded plane of each face, the distances of two corners locate the point. Source:
+[Novotni and Klein, Computing Geodesic Distances on Triangular Meshes, WSCG 2002].
 
 Inside a face with corners ``c_i`` and weights ``b_i``, the squared distance is
 ``sum_i b_i d_i^2 - sum_(i<j) b_i b_j |c_i - c_j|^2``, the squared distance to a point in the plane.
@@ -50,7 +50,10 @@ class SquaredDistances:
         return np.asarray((b * self._of_corners(points)).sum(axis=1) - correction)
 
     def slopes(self, points: SurfacePoints) -> FloatArray:
-        """Return the derivatives (L, 2) by the points, in the frames of the faces of the points."""
+        """Return the derivatives (L, 2) of the squared distances when the points move.
+
+        The derivatives are vectors in the frames of the faces of the points.
+        """
         b, squares = points.barycentric, self._squares[points.faces]
         next_one, last_one = (np.roll(b, turn, axis=1) for turn in (-1, 1))
         others = next_one * np.roll(squares, 1, axis=1) + last_one * np.roll(squares, -1, axis=1)
@@ -119,11 +122,12 @@ def propagate(
 
 @kernel
 def unfolded_distance(a: float, b: float, side_a: float, side_b: float, edge: float) -> float:
-    """Return the length of the straight line from the source to the third corner of a face.
+    """Return the length of the straight line from a point to the third corner of a face.
 
-    The straight line crosses the edge between the other corners, which has length ``edge``. These
-    corners have distances a and b to the source, and ``side_a`` and ``side_b`` to the third corner.
-    The result is infinite if no straight line crosses the edge.
+    The faces on the way are unfolded into a plane. The line crosses the edge between the other two
+    corners, which has length ``edge``. These corners have distances a and b to the point, and
+    ``side_a`` and ``side_b`` to the third corner. The result is infinite if the straight line
+    misses the edge.
     """
     x = (a * a - b * b + edge * edge) / (2 * edge)
     depth = math.sqrt(max(a * a - x * x, 0.0))
