@@ -21,12 +21,12 @@ from abfm.types import FloatArray
 from abfm.workers.control import Control, current_control
 from abfm.workers.progress import step
 
-_MATCHES_MAX = 3  # tries of a sigma between two steps; each takes as long as the first match
+_MATCHES_MAX = 3  # number of matches between two steps; each takes as long as the first match
 _SCALED_STEPS_MAX = 3  # number of steps beyond the bound whose fields are scaled down
 _SCALINGS_MAX = 6  # number of scale factors that are tried for one step
 _BOUND_SHARE_MIN = 0.98  # a distortion above this share of the bound is close enough
 _INTERVAL_MARGIN = 0.1  # least distance of the next scale factor from the ends of its interval
-_SIGMA_FACTOR = 3.0  # times the first sigma gives fields that are smoother than the first step
+_SIGMA_FACTOR = 3.0  # multiple of the first sigma that has smoother fields than the first step
 
 
 class _Sigmas(NamedTuple):

@@ -23,7 +23,7 @@ from abfm.workers.control import Control
 from abfm.workers.executor import completed, in_order
 from abfm.workers.messages import Parcel, pack
 
-_CHECK_SECONDS = 0.1  # between two checks whether a match is still needed
+_CHECK_SECONDS = 0.1  # time between two checks whether a match is still needed
 _MESHES_CACHED_MAX = 2  # meshes with their operators in each process
 
 

@@ -10,10 +10,10 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import ALPHA_MAX, COUNT_MAX, REFINE_MAX, VALUE_MIN, Parameters
 
 _DEFAULTS = Parameters()
-_PARAMETER_FACTOR = 3.0  # between the present and the suggested value
-_SIGMA_FACTOR = 10.0  # the same for sigma, if the source did not move to the target
+_PARAMETER_FACTOR = 3.0  # ratio of the present and the suggested value of a parameter
+_SIGMA_FACTOR = 10.0  # this ratio for sigma, if the source did not move to the target
 _ITERATIONS_FACTOR = 4
-_LARGE_ALPHA_FACTOR = 10.0  # times the default; a larger alpha is reduced
+_LARGE_ALPHA_FACTOR = 10.0  # an alpha above this multiple of its default is reduced
 # besides a reach, the search for a distant target needs the defaults of these parameters
 _CONTINUATION_NAMES = (
     "order",

@@ -152,7 +152,7 @@ class Objective:
     misfit: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
     flow: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     tau: float
-    gradient: Callable[[FloatArray], Adjoint | Bracket]  # method at coefficients (N, F, 2)
+    gradient: Callable[[FloatArray], Adjoint | Bracket]  # derivative at (N, F, 2)
     shift: FloatArray | float = 0.0  # subtracted from the advected functions
     # the landmark term at frame coefficients (N, F, 2)
     landmarks: Callable[[FloatArray], LandmarkMisfit] | None = None

@@ -69,11 +69,11 @@ class Sweep:
 
     level: int
     sigmas: tuple[float, ...]  # remaining values of sigma
-    at: FloatArray | Evaluation | None = None  # first fields (N, F, 2), by default the origin's
-    origin: StepResult | None = None  # step of a coarser level, with the score of the results
+    at: FloatArray | Evaluation | None = None  # first fields (N, F, 2), by default of origin
+    origin: StepResult | None = None  # coarser step whose score the results get
     reach: float = 0.0  # reach of the next stage; 0 once the target is found
     held_out: HeldOut | None = None
-    after: tuple[StepResult, ...] = ()  # steps that follow in the path
+    after: tuple[StepResult, ...] = ()  # steps of the path after those of the sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,8 @@ class Solution:
     """The result of a continuation."""
 
     path: tuple[PathStep, ...]
-    step: int  # index of the step that is the match
-    advected: FloatArray  # the source (C, V), on the mesh itself
+    step: int  # index of the selected step
+    advected: FloatArray  # the advected source (C, V), on the mesh of the problem
     reason: StopReason
 
 

@@ -36,7 +36,7 @@ class Progress:
     best: Evaluation | None = None
     level: int = 0  # level of the best fields
     before: Stage | None = None  # the latest stage with iterations
-    reason: StopReason = StopReason.ITERATION_LIMIT  # why the latest descent ended
+    reason: StopReason = StopReason.ITERATION_LIMIT  # reason why the latest descent ended
     # number of matrix row products of all evaluations, counted only if it is limited
     effort: float = 0.0
     effort_max: float = np.inf
@@ -55,7 +55,7 @@ class Descent:
     stage: Stage
     record: Record
     goal: float  # residual at which the descent ends
-    until: int  # total number of iterations at which it ends
+    until: int  # total number of iterations at which the descent ends
     at_limit: StopReason  # the stop reason if it ends at ``until``
     search: Search
     current: Any  # current iterate of the search

@@ -91,9 +91,9 @@ class Fold(NamedTuple):
     """A cross-validation fold: the energy without its patches, and the state of its descents."""
 
     energy: MatchingEnergy
-    hidden: FloatArray  # mask (V,) of the patches
-    fields: FloatArray  # (N, F, 2)
-    last_iterate: Any = None  # the latest iterate
+    hidden: FloatArray  # mask (V,) of the patches of the fold
+    fields: FloatArray  # fields (N, F, 2) after the latest stage
+    last_iterate: Any = None  # the latest iterate of the search
     before: Stage | None = None
 
     def minimise(self, stages: Sequence[Stage]) -> "Fold":

@@ -30,7 +30,7 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_WAIT_SECONDS = 0.05  # between two tests whether another thread has finished a mesh
+_WAIT_SECONDS = 0.05  # time between two tests whether another thread has made a mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,8 +50,8 @@ class GaussNewton:
 
     evaluate: Callable[[FloatArray], Evaluation]
     inverse: Inverse  # applies the inverse of A
-    curvature: Callable[[FloatArray], LandmarkCurvature]  # J and D at some fields
-    size: Callable[[FloatArray], float]  # the size of a step, which is limited
+    curvature: Callable[[FloatArray], LandmarkCurvature]  # J and D at given fields
+    size: Callable[[FloatArray], float]  # the size of a step, at most ``size_max``
     size_max: float
 
     def init(

@@ -162,8 +162,8 @@ class IterateView:
 
     x: FloatArray  # frame coefficients (N, F, 2)
     level_advected: FloatArray  # the advected source on the mesh of the level, (C, V)
-    levels: tuple[Level, ...]  # from the iterate to the mesh itself; only one if it is finer
-    mesh: TriangleMesh  # the mesh itself, scaled to unit area
+    levels: tuple[Level, ...]  # from the iterate's to that of ``mesh``; one if it is finer
+    mesh: TriangleMesh  # the mesh of the problem, scaled to unit area
     iteration: int
     is_provisional: bool  # whether other variants or smaller sigmas follow
 

@@ -35,7 +35,7 @@ class Stage:
     alpha: float
     reach: float
     iterations: int  # largest number of iterations of this stage
-    until: int  # largest total number of iterations up to its end
+    until: int  # largest total number of iterations up to the end of this stage
     fixed: bool  # whether the stage uses all its iterations
     goal: float  # residual at which the stage ends
     landmark_sigma: float = Parameters.landmark_sigma

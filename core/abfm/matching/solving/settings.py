@@ -42,8 +42,8 @@ class ContinuationSettings:
     # limit, a human body takes 781 iterations instead of 641, with the same result
     correction_factor_max: float = 1.6
 
-    # vertices of the coarsest mesh, and ratio of vertices of consecutive meshes: "From coarse to
-    # fine"
+    # number of vertices of the coarsest mesh, and ratio of the numbers of consecutive meshes: "From
+    # coarse to fine"
     coarsest_vertices: int = 2500
     level_ratio: float = 4.0
     # a mesh has coarser ones if its vertices exceed this multiple of coarsest_vertices (7,500)
@@ -59,7 +59,8 @@ class ContinuationSettings:
     stable_factor: float = 2.0
     stable_residual: float = 0.4
     # numbers of edges over which fields of a coarser mesh are smoothed until they are stable, and
-    # while that lowers the energy. Their kinks multiply the norm of second order by hundreds
+    # while that lowers the energy. Kinks over coarse edges multiply the norm of second order by
+    # hundreds
     smoothing_edges: tuple[float, ...] = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
 
     # limits of refinement unless the user requests it: "Finer meshes". They are the vertices of
@@ -73,7 +74,8 @@ class ContinuationSettings:
     missed_residual: float = 0.3
     # a start whose residual is larger than this multiple of that without motion is not used
     diverged_factor: float = 3.0
-    # values larger than this multiple of the source make the target vanish in rounding errors
+    # a start is unstable if it makes values larger than this multiple of the source, since the
+    # target then vanishes in rounding errors
     unstable_factor: float = 1e8
 
     # truncation of the advection in a descent, which is not sensitive to smaller errors; the
@@ -84,7 +86,8 @@ class ContinuationSettings:
     # largest number of stored values of that curvature, because of memory
     curvature_size_max: float = 5e7
 
-    # number of patches and folds of the surface; with 40 patches, errors are 1.10 times as large
+    # number of patches and of cross-validation folds of the surface. With 40 patches, the errors of
+    # the maps of 32 known flows are 1.10 times as large
     patches: int = 150
     folds: int = 3
     # weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual. For
@@ -99,7 +102,7 @@ class ContinuationSettings:
 
     # number of vertices (of evenly spaced faces) from which flow lines start: "Verification"
     flow_line_vertices_max: int = 20_000
-    # largest number of faces that are cut into parts to find folds; more would find no other folds
+    # largest number of faces that are cut into parts to find folded ones; more would find no others
     cut_faces_max: int = 64
     # number of iterations before the first warning; a source that moves has moved by then
     warning_iterations_min: int = 10

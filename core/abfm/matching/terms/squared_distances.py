@@ -32,7 +32,7 @@ class SquaredDistances:
         mesh = to.mesh
         corners = mesh.vertices[mesh.faces]
         sides = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
-        self._squares = (sides**2).sum(axis=2)  # (F, 3), of edges opposite corners
+        self._squares = (sides**2).sum(axis=2)  # (F, 3), squared lengths of opposite edges
         at_corners = _at_corners(self._squares[to.faces], to.barycentric)
         self._at_vertices = np.full((len(to.faces), len(mesh.vertices)), np.inf)
         with step("measuring distances to landmarks", len(to.faces) * len(mesh.vertices)):
