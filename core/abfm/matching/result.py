@@ -452,8 +452,8 @@ def _advected(problem: Problem, velocity: FloatArray) -> FloatArray:
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
     """Return the parts of the file of a match, except its mesh, as functions that make them.
 
-    A function may raise an error, and its part is then omitted; only the fields are indispensable.
-    Unknown values are omitted.
+    A function may raise an error; only the part with the fields is indispensable. Unknown values
+    are omitted.
     """
     problem, remedies, landmarks = match.problem, match.verdict.remedies, match.problem.landmarks
     grouped = {

@@ -437,7 +437,7 @@ class _Case:
         )
 
     def _is_cut_short(self) -> bool:
-        """Return whether the run ended while its energy still fell, so that it may improve.
+        """Return whether the run was interrupted, or reached its limit while its energy still fell.
 
         False if the source was squeezed, because more iterations would not help then.
         """

@@ -418,7 +418,7 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan to continue the best step on the mesh of the problem.
+    """Plan to continue the best step on the finest mesh, if it is on a coarser one.
 
     Clusters of vertices are used if they are cheaper. For measured functions, only the sigma of
     this step is minimised there; otherwise, smaller ones follow.

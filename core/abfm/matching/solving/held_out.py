@@ -108,7 +108,10 @@ class Fold(NamedTuple):
         return self.energy.advected(self.fields)[: len(self.energy.functions.source)]
 
     def along_flow_lines(self) -> FloatArray:
-        """Return the source (C, V), advected along flow lines on the held-out patches only."""
+        """Return the source (C, V), advected along flow lines on the held-out patches only.
+
+        All values are NaN if flow lines cross too many faces.
+        """
         try:
             return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
         except ParameterError:  # flow lines cross too many faces

@@ -259,7 +259,8 @@ class Levels:
     def with_coarser(self) -> "Levels":
         """Return the levels preceded by levels on coarser meshes.
 
-        Their number is that of the parameter ``levels`` or, if this is 0, depends on the mesh size.
+        Their number is that of the parameter ``levels``. If this is 0, it depends on the mesh size
+        and on the width of the features of the functions.
         """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
@@ -294,7 +295,7 @@ class Levels:
     def clustered(self) -> "Levels":
         """Return the levels with another one, with clusters of vertices, before the finest level.
 
-        The levels do not change if clusters would not make an evaluation cheaper.
+        The levels do not change if the mesh needs no clusters, or if the parameters exclude them.
         """
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 

@@ -67,7 +67,7 @@ def flow_line_residual(
 ) -> tuple[float, FloatArray]:
     """Return the residual along flow lines at the vertices of the faces with indices (S,).
 
-    Also return the origins (S, 3, 3) under the flow of the corners of these faces.
+    Also return the points (S, 3, 3) that the flow moves to the corners of these faces.
     """
     mesh, source, mask = functions.mesh, functions.source, functions.mask
     requested, corners = np.unique(mesh.faces[faces], return_inverse=True)
