@@ -1,9 +1,9 @@
 """Collapse of a closed surface of genus 0 to a tetrahedron, vertex by vertex, and its reversal.
 
-Faces are connected by `twins`: the slot (see `abfm.mesh.topology`) on the other side of the edge
-opposite each corner. A vertex is removed by collapsing an edge to its other end. This preserves the
-topology if the ends have no common neighbours except the two corners opposite the edge. Removed
-faces keep their slots, which is sufficient to insert them again.
+A slot is a corner of a face (see `abfm.mesh.topology`). ``twins`` has, for each slot, the slot on
+the other side of the edge opposite the corner. A vertex is removed by collapsing an edge to its
+other end. This preserves the topology if the ends have no common neighbours except the two corners
+opposite the edge. Removed faces keep their slots, which is sufficient to insert them again.
 """
 
 from typing import NamedTuple
@@ -28,11 +28,11 @@ class Surface(NamedTuple):
 
 
 class Collapses(NamedTuple):
-    """The collapses of a surface, in their order."""
+    """The edge collapses that reduce a surface to a tetrahedron, in their order."""
 
     vertices: IntArray  # (V - 4,), removed vertices
     slots: IntArray  # (V - 4,), slots opposite the collapsed edges
-    rounds: list[int]  # numbers of removed vertices before each round, and at the end
+    rounds: list[int]  # counts of removed vertices before each round, and at the end
 
 
 def collapse(points: FloatArray, surface: Surface) -> Collapses:
@@ -53,9 +53,9 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
 
 @unfused_kernel
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
-    """Insert the vertex that was removed last, at the slot opposite its edge.
+    """Reverse the last collapse, which removed ``vertex``; ``slot`` is opposite the collapsed edge.
 
-    Return the number of the corners at the vertex; the corners are written to ``star``.
+    Write the corners at the inserted vertex to ``star``, and return their count.
     """
     faces, twins, corner_of = surface
     for side in (slot, twins[slot]):
@@ -72,7 +72,7 @@ def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
 
 @unfused_kernel
 def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
-    """Collapse an edge, given by the slot opposite to it, into the edge's first end."""
+    """Collapse the edge opposite the corner ``slot`` into the edge's first end."""
     faces, twins, corner_of = surface
     end = faces[next_slot(slot)]
     for corner in star[: fill_star(star, twins, next_slot(next_slot(slot)))]:
@@ -85,15 +85,18 @@ def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
 
 
 class _Workspace(NamedTuple):
-    """Arrays for the neighbourhood of a vertex."""
+    """Temporary arrays for the neighbours of a vertex."""
 
     star: IntArray  # corners at the vertex
-    visits: IntArray  # (V + 1,), number of the last visit to each vertex; the last entry counts
+    visits: IntArray  # (V + 1,), last visit to each vertex, and the count of all visits
 
 
 @unfused_kernel
 def _is_free(surface: Surface, slot: int, workspace: _Workspace) -> bool:
-    """Return whether the ends of an edge have only two common neighbours."""
+    """Return whether the edge opposite the corner ``slot`` may be collapsed.
+
+    Its ends must have only two common neighbours.
+    """
     (faces, twins, _), (star, visits) = surface, workspace
     visits[-1] += 1
     for corner in star[: fill_star(star, twins, next_slot(slot))]:
@@ -108,10 +111,11 @@ def _is_free(surface: Surface, slot: int, workspace: _Workspace) -> bool:
 def _cheapest(
     points: FloatArray, surface: Surface, ring: IntArray, degrees: IntArray, workspace: _Workspace
 ) -> tuple[float, int]:
-    """Return the cost and the slot of the cheapest collapse of the vertex with corners ``ring``.
+    """Return the cost of the cheapest collapse of a vertex, and the slot opposite the edge.
 
-    The cost is the square of the longest new edge, times the number of edges of the merged vertex
-    if that is large.
+    ``ring`` has the corners at the vertex. The cost is the square of the longest new edge, times
+    the number of edges of the merged vertex, but at least times 7. It is infinite if no edge may be
+    collapsed.
     """
     faces, twins, _ = surface
     least, best = np.inf, 0
@@ -134,9 +138,10 @@ def _cheapest(
 def _collapse_round(
     points: FloatArray, surface: Surface, active: IntArray, removed: IntArray, done: int
 ) -> int:
-    """Remove the cheapest of the active vertices, no two of them neighbours.
+    """Remove the cheapest of the active vertices, no two of which are neighbours.
 
-    ``done`` is the number of vertices that were removed before. Return the number after the round.
+    Write them and their slots to ``removed``, after the first ``done`` ones. Return the new count
+    of removed vertices.
     """
     faces, twins, corner_of = surface
     count = corner_of.size

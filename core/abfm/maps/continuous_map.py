@@ -59,15 +59,15 @@ _FINAL_SWEEPS = 10
 
 
 def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
-    """Lay out both surfaces of a map on one sphere, such that equal directions correspond.
+    """Make a map continuous, by layouts of both surfaces on one sphere.
 
     Return the unit vectors of the codomain's vertices (V_A, 3) and of the domain's vertices (V_B,
-    3).
+    3). Points in equal directions correspond.
 
-    On closed surfaces, the map between equal directions (of ``map_through_sphere``) is a
-    homeomorphism with little distortion. It is close to the given map in space where the given map
-    is consistent. The result preserves the orientation. A map onto the mirror image must be given
-    as a map onto a mirrored mesh.
+    On closed surfaces, this correspondence (see ``map_through_sphere``) is a homeomorphism with
+    little distortion. It is close to the given map in space where the given map is consistent. The
+    result preserves the orientation. A map onto the mirror image must be given as a map onto a
+    mirrored mesh.
 
     Raises
     ------
@@ -93,14 +93,20 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_loop_means(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Append to values (V, ...) the means over boundary loops, for the vertices that close them."""
+    """Append to values (V, ...) at vertices their mean over each boundary loop.
+
+    The means belong to the vertices that close the holes of the mesh.
+    """
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )
 
 
 def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:
-    """Unfold a surface on the sphere, while pulling its vertices toward targets (V, 3)."""
+    """Embed a surface in the sphere while its vertices are pulled toward targets (V, 3).
+
+    Return the positions (V, 3) of the vertices on the sphere.
+    """
     count, is_rotated = len(points), False
     pull, workspace = allocate_moves(count), allocate_workspace(count)
     with step("making the map continuous", count) as done:
@@ -123,7 +129,10 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
 
 
 def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
-    """Rotate vertices (V, 3) of the sphere close to targets (V, 3); outliers have low weights."""
+    """Rotate vertices (V, 3) of the sphere as close to targets (V, 3) as possible.
+
+    Outliers have low weights.
+    """
     weights = np.ones(len(sphere))
     for _ in range(_ROTATION_ITERATIONS):
         u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)
@@ -133,7 +142,10 @@ def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
 
 
 def _relax(state: Embedding, codomain: Codomain, targets: FloatArray) -> None:
-    """Move B on the sphere to reduce the distortion of its image on A, which stays near targets."""
+    """Move surface B on the sphere to reduce the distortion of its image on surface A.
+
+    The images of the vertices of B stay near ``targets`` (V, 3), positions on A.
+    """
     count = len(targets)
     active, pull, workspace = np.arange(count), allocate_moves(count), allocate_workspace(count)
     corners = state.surface.faces.reshape(-1, 3)

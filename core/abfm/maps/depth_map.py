@@ -9,7 +9,7 @@ from abfm.types import FloatArray, IntArray
 def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: int) -> FloatArray:
     """Return the depth of the nearest surface point at each pixel, shape (height, width).
 
-    A row of ``vertices`` (V, 3) has the column and the row in pixels, and the depth of a vertex.
+    A row of ``vertices`` (V, 3) has the column and the row of a vertex in pixels, and its depth.
     Depths are larger for points nearer to the viewer, and linear on the projected face. The result
     is evaluated at pixel centres; it is -inf where there is no face.
     """
@@ -20,7 +20,10 @@ def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: in
 
 @kernel
 def rasterize_depths(vertices: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
-    """Write the depths of faces (F, 3) to ``nearest`` (height, width), where they are larger."""
+    """Write the depths of faces (F, 3) to the pixels where they are larger than in ``nearest``.
+
+    ``nearest`` (height, width) has the depths so far. Larger depths are nearer to the viewer.
+    """
     height, width = nearest.shape
     for f in range(len(faces)):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]

@@ -50,7 +50,11 @@ class Log2Statistics(NamedTuple):
 
 
 class Bound(NamedTuple):
-    """A bound of ``|log2 J|`` (areas) and ``|log2 R|`` (shapes), and how a map satisfies it."""
+    """A bound of the distortion of faces by a map, and how the map satisfies it.
+
+    It bounds ``|log2 J|`` and ``|log2 R|`` of each face. J is the ratio of areas, and R the ratio
+    of the largest to the smallest stretch.
+    """
 
     max_distortion: float
     share: float  # share of the faces, 0 to 1, that satisfy the bound
@@ -59,7 +63,7 @@ class Bound(NamedTuple):
 
     @classmethod
     def of(cls, numbers: ArrayLike) -> Bound:
-        """Return the bound from four numbers, as files store them."""
+        """Return the bound from four numbers in the order of the fields, as files store them."""
         most, share, largest, folded = np.asarray(numbers).tolist()
         return cls(most, share, largest, int(folded))
 
@@ -94,12 +98,12 @@ class Distortion:
 
     @property
     def log2_area(self) -> Log2Statistics:
-        """``|log2 J|``, the change of areas as reported by the pipelines of HCP and MSM."""
+        """Statistics of ``|log2 J|``, the change of areas, as in the pipelines of HCP and MSM."""
         return self._log2(self.area)
 
     @property
     def log2_shape(self) -> Log2Statistics:
-        """``|log2 R|``, the change of shapes as reported by the same pipelines."""
+        """Statistics of ``|log2 R|``, the change of shapes, as in the pipelines of HCP and MSM."""
         return self._log2(self.conformal)
 
     def share_within(self, most: float) -> float:
@@ -108,13 +112,16 @@ class Distortion:
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
-        """Return the smallest bound that a share of the faces satisfies; see `share_within`."""
+        """Return the smallest bound of ``|log2 J|`` and ``|log2 R|`` for a share of the faces.
+
+        At least this share (0 to 1) of the faces satisfies the bound.
+        """
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
 
     def bound(self, most: float) -> Bound:
-        """Return how well the map satisfies a bound of ``|log2 J|`` and ``|log2 R|``."""
+        """Return how well the map satisfies the bound ``most`` of ``|log2 J|`` and ``|log2 R|``."""
         return Bound(most, self.share_within(most), self.bound_of(BOUNDED_SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
@@ -140,7 +147,7 @@ class Distortion:
 def chord_distortion(
     mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMesh | None = None
 ) -> Distortion:
-    """Measure the distortion of a map that is linear on faces.
+    """Measure the distortion of a map that is linear on faces, from the images of the vertices.
 
     The map takes each vertex to its position in ``mapped_positions`` (V, 3), on the surface
     ``onto``, by default the mesh itself. The stretches are the singular values ``s_1 >= s_2`` of
@@ -161,10 +168,10 @@ def chord_distortion(
 def log2_changes(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray
 ) -> tuple[float, float, float]:
-    """Return statistics of the distortion of S faces, given the images (S, 3, 3) of their corners.
+    """Return statistics of the distortion of S faces, from the images (S, 3, 3) of their corners.
 
-    The statistics are the mean and the 95th percentile of ``|log2 J|``, and the mean of
-    ``|log2 R|``, all weighted by area. The map is linear on each face.
+    The statistics are the mean and the 95th percentile of ``|log2 J|`` (areas), and the mean of
+    ``|log2 R|`` (shapes), all weighted by area. The map is linear on each face.
     """
     found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _STRETCH_MIN)
     logs, areas = np.log2(found), face_areas(mesh)[faces]
@@ -180,10 +187,11 @@ def distortion_of_flow(
     """Measure the distortion of faces (S,) by a map that is known at corners and inside faces.
 
     ``corners`` (3 S,) are the images of the faces' corners. The triangle between them is a bad
-    approximation in two cases. It seems flipped, as smooth flows make slivers of faces, or it is
-    stretched along a bent surface. Such faces are divided into 64 parts, which are mapped
-    separately. Their stretches are the geometric means over the parts, and `folded_shares` defines
-    whether they are flipped. Other faces are measured as in `chord_distortion`.
+    approximation of the mapped face in two cases. It may seem flipped because a smooth flow makes
+    slivers of faces, or it is stretched along a bent surface. Such faces are divided into 64 parts,
+    which are mapped separately. Their stretches are the geometric means over the parts, and
+    `folded_shares` defines whether they are flipped. Other faces are measured as in
+    `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
@@ -227,7 +235,10 @@ def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:
 
 
 def flipped_triangles(mesh: TriangleMesh, corners: FloatArray) -> BoolArray:
-    """Return a mask (S,) of triangles (S, 3, 3) opposite to the surface at their centroids."""
+    """Return a mask (S,) of the triangles (S, 3, 3) in space that are flipped.
+
+    The normal of a flipped triangle is opposite to that of the surface near its centroid.
+    """
     closest = project_onto_surface(mesh, corners.mean(axis=1))
     return np.asarray((_areas(corners) * face_normals(mesh)[closest.faces]).sum(axis=1) < 0)
 
@@ -239,12 +250,12 @@ def folded_shares(
     corners: FloatArray,
     most: int = CUT_FACES_MAX,
 ) -> tuple[float, float]:
-    """Return the share of S faces that a map folds, and the share of triangles that are flipped.
+    """Return the share of S faces that a map folds, and the share with flipped triangles.
 
-    The triangles are those between the mapped corners (S, 3, 3). If a smooth flow stretches faces
-    to slivers, several percent of these triangles seem flipped. Therefore a face counts as folded
-    only if more than three quarters of its 64 parts, which are mapped separately, are also flipped.
-    At most ``most`` flipped faces, evenly chosen, are divided.
+    The triangle of a face lies between its mapped corners (S, 3, 3). If a smooth flow stretches
+    faces to slivers, several percent of these triangles seem flipped. Therefore a face counts as
+    folded only if more than three quarters of its 64 parts, which are mapped separately, are also
+    flipped. At most ``most`` flipped faces, evenly chosen, are divided.
     """
     flipped = faces[flipped_triangles(mesh, corners)]
     if not len(flipped):
@@ -258,9 +269,10 @@ def folded_shares(
 def stretches_by_parts(
     mesh: TriangleMesh, interior_map: SurfaceMap, faces: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return, for S faces, the shares (S,) of flipped parts and the mean stretches (S, 2) of parts.
+    """Divide S faces into 64 parts each, and measure a map of the parts.
 
-    Each face is divided into 64 parts, whose stretches have a geometric mean.
+    Return the shares (S,) of flipped parts, and the geometric means (S, 2) of the stretches of
+    parts.
     """
     weights, parts = _grid(_PARTS)
     weights = (1 - _INWARD_SHARE) * weights + _INWARD_SHARE / 3
@@ -287,7 +299,7 @@ def _areas(corners: FloatArray) -> FloatArray:
 
 
 def _grid(n: int) -> tuple[FloatArray, IntArray]:
-    """Return the points of a grid on a face, as barycentric weights, and its n^2 triangles.
+    """Return the points of a grid on a face, as barycentric weights, and the grid's n^2 triangles.
 
     Each side of the face has n steps. The corners of every triangle have the same orientation as
     those of the face.

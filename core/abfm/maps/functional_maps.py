@@ -30,7 +30,11 @@ _CHUNK = 256  # rows whose distances are in memory at a time
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:
-    """Return the coefficients ``Phi^T M h``, (k,) or (k, C), of a function h, (V,) or (V, C)."""
+    """Return the coefficients (k,) or (k, C) of a function ``h`` in the first k eigenfunctions.
+
+    They are ``Phi^T M h``, where ``Phi`` has the eigenfunctions and ``M`` the vertex areas of the
+    mesh scaled to unit area. The function has shape (V,) or (V, C).
+    """
     rows = channels(mesh, h, "h")
     areas = vertex_areas(mesh.normalized())[:, None]
     found: FloatArray = _basis(mesh, k).T @ (areas * rows.T)
@@ -38,15 +42,21 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(points: PointMap, k: int) -> FloatArray:
-    """Return the functional map ``Phi_target^+ P Phi_source`` of a point map, shape (k, k).
+    """Return a point map as a functional map of k eigenfunctions, shape (k, k).
 
-    The point map takes the target, its domain, to the source, its codomain.
+    The point map takes the target, its domain, to the source, its codomain. The functional map is
+    ``Phi_target^+ P Phi_source``, where ``P`` is the matrix of the point map, and ``Phi`` has the
+    eigenfunctions.
     """
     return spectral_coefficients(points.domain, points.pull_back(_basis(points.codomain, k)), k)
 
 
 def transfer(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
-    """Transfer a function from the source to the target: ``Phi_target C Phi_source^+ h``."""
+    """Transfer a function ``h`` from the source to the target by a functional map ``C``.
+
+    The result is ``Phi_target C Phi_source^+ h``, where ``Phi`` has the eigenfunctions of a
+    surface.
+    """
     matrix = _check(C)
     coefficients = spectral_coefficients(source, h, matrix.shape[1])
     return np.asarray(_basis(target, matrix.shape[0]) @ (matrix @ coefficients))
@@ -55,9 +65,10 @@ def transfer(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayL
 def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> PointMap:
     """Return the point map of a functional map (k_target, k_source) [OBC*12, 6.1].
 
-    The point map takes every vertex of the target to a vertex of the source. The delta function at
-    a vertex of the source has a row of ``Phi_source`` as its coefficients. ``C`` transfers it to
-    the same row of ``Phi_source C^T``. A vertex of the target is mapped to the vertex of the source
+    The point map takes every vertex of the target to a vertex of the source. ``Phi_source`` and
+    ``Phi_target`` have the values of the eigenfunctions, one row per vertex. The delta function at
+    a vertex of the source has its row of ``Phi_source`` as coefficients. ``C`` transfers it to the
+    same row of ``Phi_source C^T``. A vertex of the target is mapped to the vertex of the source
     whose row there is closest to its row of ``Phi_target``.
 
     Searching rows of ``Phi_target C`` among those of ``Phi_source`` would use the adjoint of ``C``,
@@ -73,8 +84,8 @@ def zoom_out(
 ) -> FloatArray:
     """Refine a functional map of shape (k_target, k_source) to the shape (k, k) [MRR*19].
 
-    Each iteration converts the map to points, as `point_map` does, and back, with ``step`` more
-    eigenfunctions.
+    Each iteration converts the functional map to a point map, as `point_map` does. The point map is
+    then converted to a functional map with ``step`` more eigenfunctions.
     """
     matrix = _check(C)
     if not max(matrix.shape) <= k:
@@ -117,9 +128,10 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
-    """Return the number of the row of ``source`` that is closest to each row of ``target``.
+    """Return, for each row of ``target``, the index of the closest row of ``source C^T``.
 
-    Rows of ``source`` are transferred by ``C`` before they are compared.
+    ``C`` is a functional map. ``source`` and ``target`` have the values of eigenfunctions, one row
+    per point.
 
     The search uses matrix products. They are 20 times as fast as a search tree if the map is far
     from isometric.
@@ -128,7 +140,7 @@ def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntAr
 
 
 def nearest(rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> IntArray:
-    """Return, for each of the rows (n, d), the number of the closest one of ``others`` (m, d)."""
+    """Return, for each of the rows (n, d), the index of the closest row of ``others`` (m, d)."""
     sizes = (others**2).sum(axis=1)
     found = np.empty(len(rows), dtype=np.int64)
     for start in range(0, len(rows), _CHUNK):

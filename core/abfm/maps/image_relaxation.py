@@ -1,9 +1,10 @@
 """Moves of the image of surface B on surface A that reduce distortion and distances from targets.
 
-Both surfaces are on the same sphere, so each vertex of B corresponds to a point of A. No face of B
-is flipped on the sphere. The energy of a face of B has two parts. One is the symmetric Dirichlet
-energy of the triangle between the images of its corners in space. The other is a small multiple of
-its conformal energy on the sphere, which is infinite for flipped faces.
+Both surfaces are laid out on the same sphere. The image of a vertex of B is the point of A in the
+same direction. No face of B is flipped on the sphere. The energy of a face of B has two parts. One
+is the symmetric Dirichlet energy of the triangle between the images of its corners in space. The
+other is a small multiple of its conformal energy on the sphere, which is infinite for flipped
+faces.
 """
 
 from typing import NamedTuple
@@ -33,14 +34,14 @@ _GUARD = 1e-300  # a small number that prevents division by 0
 
 
 class Codomain(NamedTuple):
-    """The closed surface A on the sphere."""
+    """The closed surface A: its layout on the sphere, and its vertices in space."""
 
     layout: Faces
     points: FloatArray  # (V, 3), in space
 
 
 class Image(NamedTuple):
-    """The image of surface B on surface A."""
+    """The image of surface B on surface A, and the target positions of its vertices."""
 
     state: Embedding
     codomain: Codomain
@@ -52,7 +53,7 @@ class Image(NamedTuple):
 
 @unfused_kernel
 def relocate(image: Image) -> None:
-    """Update the images of all vertices from their directions on the sphere."""
+    """Compute the images on A of all vertices of B from their directions on the sphere."""
     for v in range(image.faces.size):
         image.faces[v] = _locate(
             image.codomain, image.state.sphere[v], image.faces[v], image.places[v]
@@ -61,7 +62,10 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Return the face of A in a direction, searched from ``face``; write its point to ``place``."""
+    """Return the face of A in a direction; write the point of A there to ``place`` (3,), in space.
+
+    The search begins at ``face``.
+    """
     found, weights = np.array([face]), np.empty((1, 3))
     walk(codomain.layout, direction.reshape(1, 3), found, weights)
     place[:] = 0.0
@@ -72,7 +76,7 @@ def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatAr
 
 @unfused_kernel
 def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> None:
-    """Convert moves of images in space to moves of their vertices on the sphere."""
+    """Convert moves (V, 3) of images in space to moves of the vertices of B on the sphere."""
     slopes = np.empty((2, 3))
     for v in range(image.faces.size):
         _set_frame(image, v, workspace.axes, slopes)
@@ -82,9 +86,10 @@ def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> Non
 
 @unfused_kernel
 def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
-    """Compute two axes in the face of A with the image of a vertex, and slopes for them.
+    """Compute two axes in the face of A that contains the image of vertex ``v`` of B.
 
-    The slopes are the velocities of the vertex on the sphere when its image moves along the axes.
+    Write to ``slopes`` the velocities of the vertex on the sphere when its image moves along the
+    axes.
     """
     (layout, points), direction = image.codomain, image.state.sphere[v]
     corners = layout.corners[image.faces[v]]
@@ -135,7 +140,10 @@ def relax(image: Image, workspace: Workspace) -> None:
 def _energy(
     image: Image, v: int, direction: FloatArray, place: FloatArray, around: Workspace
 ) -> float:
-    """Return the energy of the faces at a vertex of B, for a given direction and image."""
+    """Return the energy of the faces around a vertex of B if it moves to a given direction.
+
+    ``place`` is the image of the vertex there. The energy includes its distance from the target.
+    """
     (_, surface, sphere), places = image.state, image.places
     total: float = 0.0
     for k in range(around.star.size):
@@ -155,7 +163,10 @@ def _energy(
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
-    """Return the Dirichlet energy of a mapped face, and its normal with twice the mapped area."""
+    """Return the Dirichlet energy of a mapped face, and a normal whose length is twice its area.
+
+    The mapped corners are a, b and c; ``shape`` is that of the face before mapping.
+    """
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     total = shape[0] * scalar(p, p) + shape[1] * scalar(q, q) + shape[2] * scalar(r, r)
     return total, cross(q, r)
@@ -163,7 +174,11 @@ def _dirichlet(
 
 @unfused_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> None:
-    """Compute the derivatives of the energy along the two axes of the face of A."""
+    """Compute derivatives of the energy of the faces around vertex ``v`` of B along two axes.
+
+    The axes lie in the face of A that contains the image of the vertex. The derivatives are written
+    to the model of ``around``.
+    """
     (_, surface, sphere), places, model = image.state, image.places, around.model
     model[:] = 0.0
     metric = (
@@ -217,7 +232,10 @@ def _with_derivatives(
     axes: FloatArray,
     corners: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, float, float]:
-    """Return the Dirichlet energy of a face, and its derivatives by moves of the first corner."""
+    """Return the Dirichlet energy of a face and its derivatives by moves of the first corner.
+
+    The corner moves along the two ``axes``.
+    """
     q, r = difference(corners[2], corners[0]), difference(corners[0], corners[1])
     first = 2 * (shape[2] * scalar(axes[0], r) - shape[1] * scalar(axes[0], q))
     return dirichlet, first, 2 * (shape[2] * scalar(axes[1], r) - shape[1] * scalar(axes[1], q))

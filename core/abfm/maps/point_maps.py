@@ -67,7 +67,10 @@ class PointMap:
     def of_vertices(
         cls, domain: TriangleMesh, codomain: TriangleMesh, vertices: ArrayLike | None = None
     ) -> PointMap:
-        """Return the map to the ``vertices`` (V,), by default those with the same numbers."""
+        """Return the map from vertex i of the domain to vertex ``vertices[i]`` of the codomain.
+
+        Without ``vertices`` (V,), vertex i is mapped to vertex i.
+        """
         return cls.of_points(domain, vertex_points(codomain, vertices))
 
     @classmethod
@@ -78,7 +81,7 @@ class PointMap:
         interior_map: SurfaceMap | None = None,
         distances: FloatArray | None = None,
     ) -> PointMap:
-        """Return the map to points (V,) of a surface, which is the codomain."""
+        """Return the map from the vertices of the domain to ``points`` (V,) of the codomain."""
         off = np.zeros(1) if distances is None else distances
         return cls(domain, points.mesh, points.faces, points.barycentric, off, interior_map)
 
@@ -101,15 +104,18 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose the map with a function (V',) or (V', C) of the codomain, to (V,) or (V, C)."""
+        """Transfer a function (V',) or (V', C) of the codomain to the domain, (V,) or (V, C).
+
+        The result at a vertex is the value of the function at its image.
+        """
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:
-        """Return, for each vertex, the corner nearest to its image, shape (V,)."""
+        """Return, for each vertex, the corner nearest to its image in the image's face, (V,)."""
         return self.points.nearest_vertices()
 
     def to_matrix(self) -> sparse.csr_array:
-        """Return the matrix of `pull_back`, shape (V, V')."""
+        """Return `pull_back` as a matrix, shape (V, V')."""
         count, columns = len(self.faces), self.codomain.faces[self.faces].ravel()
         entries = self.barycentric.flatten(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
@@ -125,7 +131,10 @@ class PointMap:
         return self.interior_map(points)
 
     def followed_by(self, other: PointMap) -> PointMap:
-        """Return the composition with another map, whose domain is this map's codomain."""
+        """Return the map that applies first this map and then ``other``.
+
+        The domain of ``other`` is the codomain of this map.
+        """
         if not np.array_equal(other.domain.faces, self.codomain.faces):
             raise AbfmError(
                 f"cannot compose maps: the domain of the second map has "
@@ -142,7 +151,7 @@ class PointMap:
         )
 
     def onto_mirror(self) -> PointMap:
-        """Return the map to the mirror image of the codomain, with reversed faces."""
+        """Return the same map onto the mirror image of the codomain, which has reversed faces."""
         surface, order = self.codomain, np.array([0, 2, 1])
         mirror = TriangleMesh(surface.vertices * [-1, 1, 1], surface.faces[:, order])
 
@@ -156,10 +165,10 @@ class PointMap:
     def inverse(self) -> PointMap:
         """Return an approximate inverse: a map from the codomain to the domain, by closest images.
 
-        Each vertex of the codomain is mapped to the point of the domain whose image is closest.
-        Faces of the domain are flat between the images of their vertices here. The result is not an
-        inverse where the map leaves gaps or covers the codomain twice; its ``distances`` measure
-        the gaps.
+        Each vertex of the codomain is mapped to the point of the domain whose image is closest. In
+        this search, the image of a face is the flat triangle between the images of its corners. The
+        result is not an inverse where the map leaves gaps or covers the codomain twice; its
+        ``distances`` measure the gaps.
         """
         if not (twice_areas(self.positions, self.domain.faces) > 0).any():
             raise AbfmError(
@@ -185,8 +194,8 @@ class PointMap:
         """Measure the distortion of each face of the domain.
 
         Without an interior map, the distortion is measured by the images of corners, see
-        `chord_distortion`. Otherwise faces for which the corners mislead are measured in parts, see
-        ``abfm.maps.distortion.distortion_of_flow``.
+        `chord_distortion`. Otherwise faces whose mapped corners are misleading are measured in
+        parts, see ``abfm.maps.distortion.distortion_of_flow``.
         """
         if self.interior_map is None:
             return chord_distortion(self.domain, self.positions, self.codomain)

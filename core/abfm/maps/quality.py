@@ -34,7 +34,7 @@ RETURN_DISTANCE_MAX = 1.0  # mean edge lengths, for 95% of the vertices after a 
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Geodesic errors of a map at some vertices."""
+    """Geodesic errors of a map at some vertices: distances of their images from the true images."""
 
     vertices: IntArray  # (S,), measured vertices, ascending
     errors: FloatArray  # (S,), distances between images and true images, in sqrt(area)
@@ -63,7 +63,7 @@ class MapAccuracy:
         return np.asarray(at_most.sum(axis=-1) / len(self.errors))
 
     def report(self) -> str:
-        """Return the numbers in a line."""
+        """Return the mean, median and largest error, and shares of vertices, as one line of text."""
         shares = (
             f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in ERROR_BOUNDS
         )
@@ -104,9 +104,9 @@ def map_accuracy(
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
     """Return the distance along the surface from a vertex to a point inside a face.
 
-    The result is the smaller one of two upper bounds of the distance. One is the interpolation of
-    the corners' distances, which on flat parts is never too short. The other is the shortest path
-    through a corner.
+    The result is the smaller one of two upper bounds of the distance. One is interpolated between
+    the distances of the face's corners; on flat parts it is never too short. The other is the
+    shortest path through a corner.
     """
     corners = mesh.faces[face]
     point = barycentric @ mesh.vertices[corners]
@@ -121,7 +121,7 @@ def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArra
 
 @dataclass(frozen=True)
 class MapQuality:
-    """Distances of the images from the surface before projection, and folded faces."""
+    """Distances of a map's images from the codomain before projection, and its folded faces."""
 
     largest_distance: float  # in sqrt(area)
     rms_distance: float  # in sqrt(area)
@@ -129,7 +129,7 @@ class MapQuality:
 
     @property
     def faults(self) -> str:
-        """Description of the exceeded bounds; empty if there are none."""
+        """Text about distances and folded faces that exceed their bounds; empty if none does."""
         wrong = []
         if self.largest_distance > DISTANCE_MAX or self.rms_distance > RMS_DISTANCE_MAX:
             wrong.append(
@@ -141,7 +141,7 @@ class MapQuality:
         return " and ".join(wrong)
 
     def report(self) -> str:
-        """Return the numbers in a line."""
+        """Return the distances and the share of folded faces as one line of text."""
         return (
             f"off the surface: largest {self.largest_distance:.3g}, RMS {self.rms_distance:.3g} "
             f"sqrt(area); folded: {100 * self.folded:.1f} % of the faces"
@@ -156,13 +156,16 @@ def map_quality(points: PointMap) -> MapQuality:
 
 
 class RoundTrip(NamedTuple):
-    """Displacements of vertices by a map and then a map back, in mean lengths of their edges."""
+    """Statistics of the displacements of vertices by a map, followed by a map back.
+
+    A displacement is measured in mean lengths of the edges at the vertex.
+    """
 
     median: float
     p95: float  # 95th percentile
 
     def report(self) -> str:
-        """Return the numbers in a line."""
+        """Return the median and the 95th percentile of the displacements as one line of text."""
         return f"round-trip error: median {self.median:.2g}, 95% {self.p95:.2g} edges"
 
 
@@ -195,7 +198,7 @@ class FlowMapQuality:
 
     @property
     def warning(self) -> str | None:
-        """Description of the exceeded bounds, with advice; None if there are none."""
+        """Warning, with advice, if folded faces or the round trip exceed bounds; otherwise None."""
         folded, error = self.distortion.flipped.mean(), self.round_trip.p95
         wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
         if error > RETURN_DISTANCE_MAX:
@@ -208,5 +211,5 @@ class FlowMapQuality:
         return f"this map is not reliable: {' and '.join(wrong)}. {advice}"
 
     def report(self) -> str:
-        """Return the numbers in two lines."""
+        """Return the distortion and the round-trip error as two lines of text."""
         return f"{self.distortion.report()}\n{self.round_trip.report()}"

@@ -90,8 +90,8 @@ def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
 def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """Close each hole of a surface of genus 0 with a fan of faces around a new vertex.
 
-    Return points (V', 3), which begin with the vertices, and faces (F', 3). Raise a MeshError if
-    the surface has handles or pinched vertices.
+    Return points (V', 3), which begin with the vertices of the mesh, and faces (F', 3). Raise a
+    MeshError if the surface has handles or pinched vertices.
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
@@ -124,7 +124,10 @@ def build_surface(faces: IntArray, count: int) -> Surface:
 
 
 def _tetrahedron(surface: Surface, count: int, collapses: Collapses) -> FloatArray:
-    """Return positions (V, 3): remaining vertices on a regular tetrahedron, all others at 0."""
+    """Return the positions (V, 3) of vertices on the sphere after all collapses.
+
+    The four remaining vertices form a regular tetrahedron; all others are at 0.
+    """
     remaining = np.setdiff1d(np.arange(count), collapses.vertices)
     corner = surface.corner_of[remaining[0]]
     face = surface.faces[[corner, next_slot(corner), next_slot(next_slot(corner))]]
@@ -146,9 +149,10 @@ class Embedding(NamedTuple):
 def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, IntArray]]:
     """Embed a closed surface of genus 0 with vertices (V, 3); yield the state after every round.
 
-    The first state is the tetrahedron. A state has the embedding, whose points in space are scaled
-    to the sphere's area, and the active vertices. All states share their arrays. Between rounds the
-    caller may move vertices on the sphere if no face is flipped.
+    A state has the `Embedding` and the indices of the active vertices, which are on the sphere so
+    far. Its points in space are scaled to the sphere's area. The first state is the tetrahedron.
+    All states share their arrays. Between rounds the caller may move vertices on the sphere if no
+    face is flipped.
     """
     count, surface = len(points), build_surface(faces, len(points))
     collapses, workspace = collapse(points, surface), allocate_workspace(count)
@@ -177,7 +181,7 @@ def _scaled(state: Embedding, active: IntArray, workspace: Workspace) -> Embeddi
 
 @unfused_kernel
 def _area_at(state: Embedding, active: IntArray, workspace: Workspace) -> float:
-    """Return the area in space of the faces at active vertices."""
+    """Return the area in space of the faces between active vertices."""
     points, (faces, twins, corner_of), _ = state
     total = 0.0
     for v in active:
@@ -200,7 +204,7 @@ def _insert_vertices(
 ) -> bool:
     """Insert vertices in the reverse order of their removal, and move each one and its neighbours.
 
-    Return whether a position was found for all vertices.
+    Return False if there is no position for a vertex because of rounding errors; otherwise True.
     """
     surface = state.surface
     around = np.empty_like(workspace.star)
@@ -223,7 +227,7 @@ def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool
 
     The first candidate is the mean of its neighbours. Other candidates are near ``anchor``, the
     vertex into which it was collapsed. Their direction is the sum of the normals of the anchor's
-    two sides of the ring. Return whether a position was found despite rounding errors.
+    two sides of the ring. Return False if rounding errors exclude all candidates; otherwise True.
     """
     faces, sphere = state.surface.faces, state.sphere
     place, inward, normal = np.zeros(3), np.zeros(3), np.empty(3)
@@ -245,7 +249,10 @@ def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool
 
 @unfused_kernel
 def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
-    """Return whether no face at a vertex is flipped if the vertex is moved to ``place``."""
+    """Return whether no face at a vertex would be flipped if the vertex moved to ``place``.
+
+    ``star`` has the corners at the vertex.
+    """
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
@@ -256,7 +263,10 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
 
 @unfused_kernel
 def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
-    """Find the corners at a vertex and the shapes of their faces; return their number."""
+    """Write the corners at a vertex and the shapes of their faces to ``workspace``.
+
+    Return the number of corners.
+    """
     points, (faces, twins, corner_of), _ = state
     size = fill_star(workspace.star, twins, corner_of[v])
     for k in range(size):
@@ -267,7 +277,7 @@ def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
 
 @unfused_kernel
 def _move(state: Embedding, v: int, steps: int, workspace: Workspace) -> None:
-    """Move a vertex by Newton steps to reduce the energy of its faces."""
+    """Move a vertex by up to ``steps`` Newton steps that reduce the energy of its faces."""
     size, place, axes = set_shapes(state, v, workspace), state.sphere[v].copy(), workspace.axes
     for _ in range(steps):
         set_tangents(place, axes)
@@ -289,7 +299,7 @@ def _move(state: Embedding, v: int, steps: int, workspace: Workspace) -> None:
 
 @unfused_kernel
 def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> float:
-    """Return the symmetric Dirichlet energy of the faces at a vertex moved to ``place``.
+    """Return the symmetric Dirichlet energy of the faces at a vertex if it moves to ``place``.
 
     The energy of a face with stretches s_1 and s_2 is ``area (s_1^2 + s_2^2 + s_1^-2 + s_2^-2)``.
     It is infinite for a flipped face.
@@ -310,7 +320,10 @@ def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace
 
 @unfused_kernel
 def _set_model(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> None:
-    """Compute the derivatives of the energy along two axes on the sphere."""
+    """Compute the derivatives of the energy of the faces at a vertex along two axes.
+
+    The axes are tangents of the sphere at ``place``, the position of the vertex.
+    """
     faces, sphere, (first, second) = state.surface.faces, state.sphere, workspace.axes
     workspace.model[:] = 0.0
     for k in range(size):

@@ -23,7 +23,7 @@ _HALVINGS_MAX = 12  # halvings of a move, after which the corners of a flipped f
 
 
 class MoveArrays(NamedTuple):
-    """Arrays for the moves of V vertices."""
+    """Arrays for the moves of V vertices on the sphere."""
 
     moves: FloatArray  # (V, 3)
     spare: FloatArray  # (V, 3), temporary values
@@ -38,7 +38,10 @@ def allocate_moves(count: int) -> MoveArrays:
 def set_moves(
     places: FloatArray, targets: FloatArray, most: float, active: IntArray, moves: FloatArray
 ) -> None:
-    """Set the moves of active vertices to their offsets from the targets, at most ``most`` long."""
+    """Set the moves of active vertices to vectors from ``places`` to ``targets``.
+
+    Vectors longer than ``most`` are shortened to this length.
+    """
     for v in active:
         moves[v] = targets[v] - places[v]
         moves[v] /= max(1.0, np.sqrt(scalar(moves[v], moves[v])) / most)
@@ -48,7 +51,10 @@ def set_moves(
 def average(
     surface: Surface, rounds: int, active: IntArray, pull: MoveArrays, star: IntArray
 ) -> None:
-    """Average the moves over neighbours, ``rounds`` times."""
+    """Replace the move of each active vertex by a mean over it and its neighbours.
+
+    This is repeated ``rounds`` times. ``star`` is temporary memory.
+    """
     faces, twins, corner_of = surface
     moves, spare = pull.moves, pull.spare
     for _ in range(rounds):
@@ -86,7 +92,11 @@ def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Works
 def _reduce_shares(
     state: Embedding, active: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
 ) -> bool:
-    """Reduce the moves of the corners of flipped faces; return whether there are such faces."""
+    """Multiply the shares of the moves of the corners of flipped faces by ``factor``.
+
+    A face whose volume becomes too small also counts as flipped. Return whether there are such
+    faces.
+    """
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
     is_flipped = False
     for v in active:

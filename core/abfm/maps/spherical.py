@@ -40,8 +40,8 @@ _CHUNK = 8192  # number of points between two checks whether the task is paused 
 def sphere_directions(mesh: TriangleMesh) -> FloatArray:
     """Return the unit vectors (V, 3) from the centre of a spherical mesh to its vertices.
 
-    AbfmError if the vertices are not on a sphere, with a tolerance of 2% of its radius, or do not
-    surround its centre once.
+    Raises an AbfmError if the vertices do not surround the centre once. Their distances from it
+    must be equal, with a tolerance of 2%.
     """
     directions = _directions(mesh)
     if isinstance(directions, str):
@@ -93,7 +93,7 @@ def solid_angles(corners: FloatArray) -> FloatArray:
 
 
 class Faces(NamedTuple):
-    """The arrays of a layout for kernels."""
+    """The arrays of a `SphereLayout`, for compiled functions."""
 
     corners: IntArray  # (F, 3)
     neighbours: IntArray  # (F, 3), the mesh's ``opposite_slots``
@@ -102,11 +102,11 @@ class Faces(NamedTuple):
 
 
 class SphereLayout:
-    """A surface laid out on the unit sphere.
+    """A surface laid out on the unit sphere: a direction for each vertex.
 
-    The directions (V, 3) of the vertices are scaled to length 1. The layout may be mirrored, and
-    may have holes if the surface has holes. AbfmError if the directions do not fit the mesh, are
-    zero, or do not go around the sphere once.
+    The directions (V, 3) are scaled to length 1. The layout may be mirrored, and may have holes if
+    the surface has holes. Raises an AbfmError if the directions do not fit the mesh, are zero, or
+    do not go around the sphere once.
     """
 
     def __init__(self, mesh: TriangleMesh, directions: ArrayLike) -> None:
@@ -168,7 +168,7 @@ class SphereLayout:
 
 
 def map_through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap:
-    """Return the map from points of the domain to points of the codomain in equal directions."""
+    """Return the map that takes each point of the domain to the codomain's point in its direction."""
 
     def interior_map(points: SurfacePoints) -> SurfacePoints:
         return codomain.locate(domain.directions_of(points))
@@ -178,11 +178,11 @@ def map_through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap
 
 @unfused_kernel
 def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArray) -> None:
-    """Write to ``faces`` and ``weights`` the places of ``points``, which are unit vectors (P, 3).
+    """Find the points of a layout in the directions ``points``, which are unit vectors (P, 3).
 
-    The results are face numbers (P,), whose initial values are a first guess, and barycentric
-    weights (P, 3). The search walks from face to face, each time across the side that the point is
-    farthest behind. If the walk fails, all faces are tried.
+    Write their faces to ``faces`` (P,), whose initial values are a first guess, and their
+    barycentric weights to ``weights`` (P, 3). The search walks from face to face, each time across
+    the side that the point is farthest behind. If the walk fails, all faces are tried.
     """
     corners = layout.corners
     volumes, best = np.empty(3), np.empty(3)
@@ -220,9 +220,10 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
 
 @unfused_kernel
 def side_volumes(layout: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
-    """Write the signed volumes of the tetrahedra of a point, each side of a face and the centre.
+    """Write three volumes that are the barycentric weights of a point in a face, up to a factor.
 
-    The three volumes are the barycentric weights of the point, up to a factor.
+    Each is six times the signed volume of a tetrahedron between the point, a side of the face and
+    the centre of the sphere.
     """
     for k in range(3):
         i, j = layout.corners[face, (k + 1) % 3], layout.corners[face, (k + 2) % 3]

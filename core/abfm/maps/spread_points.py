@@ -19,7 +19,7 @@ _OPPOSITE_COSINE = -0.5  # points whose normals have a smaller cosine are not ne
 
 @dataclass(frozen=True, eq=False)
 class SpreadPoints:
-    """Points of a surface, each of which is the farthest one from the points before it."""
+    """Points of a surface in an order in which each is the farthest from all points before it."""
 
     points: SurfacePoints  # (P,)
     # (P,), distances from the points before, descending, in sqrt(area); infinite if none before
@@ -28,9 +28,9 @@ class SpreadPoints:
     normals: FloatArray  # (P, 3), normals interpolated smoothly between faces
 
     def with_spacing(self, spacing: float) -> SurfacePoints:
-        """Return the points whose distances are at least ``spacing``, in sqrt(area).
+        """Return the points up to which all distances are at least ``spacing``, in sqrt(area).
 
-        Every place on the surface is within about the same distance of one of these points. The
+        Every point of the surface is within about the same distance of one of these points. The
         smallest possible spacing is ``SPACING_MIN``. The points for a larger spacing are a subset
         of those for a smaller one.
         """
@@ -41,7 +41,11 @@ class SpreadPoints:
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:
-        """Select points greedily, by numbers (N,), with distances of at least ``spacing``."""
+        """Select points at least ``spacing`` apart, in sqrt(area), and return their indices.
+
+        ``order`` (N,) has the indices of the candidates. They are tried in this order, and selected
+        if no point selected before is too close.
+        """
         unit = self.points[order].positions / self.points.mesh.length_scale
         taken = np.empty(len(order), dtype=np.int64)
         return order[taken[: _select(unit, self.normals[order], spacing, taken)]]
@@ -70,7 +74,10 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
-    """Return unit normals interpolated between vertices, because those of slivers are random."""
+    """Return unit normals at points, interpolated between vertices.
+
+    Normals of the faces are not suitable, because those of slivers are random.
+    """
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     corners, count = mesh.faces.ravel(), len(mesh.vertices)
     at_vertices = [np.bincount(corners, np.repeat(w, 3), count) for w in weighted.T]
@@ -86,12 +93,15 @@ def _unit(vectors: FloatArray) -> FloatArray:
 def _farthest_first(
     places: FloatArray, axis: int, normals: FloatArray, numbers: IndexArray
 ) -> tuple[IndexArray, FloatArray]:
-    """Return the order (m,) in which places (n, 3) are chosen, and their gaps (m,).
+    """Order positions (n, 3) so that each is the farthest from all positions before it.
 
-    The order consists of ``numbers`` (n,) of places and begins with number 0. The gaps descend to
-    ``SPACING_MIN``. Places are sorted by their coordinate along ``axis``. The next chosen place has
-    the largest distance of all places from the chosen ones. It therefore reduces the distances only
-    of places within that distance.
+    Return the m first items of this order from ``numbers`` (n,), which number the positions. Also
+    return their gaps (m,), the distances from the positions before, which descend to
+    ``SPACING_MIN``. The order begins with number 0.
+
+    Positions are sorted by their coordinate along ``axis``. The next chosen position has the
+    largest distance of all positions from the chosen ones. It therefore reduces the distances only
+    of positions within that distance.
     """
     order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
     squares = np.full(len(places), np.inf)  # squared distances to the nearest chosen place
@@ -124,7 +134,11 @@ def _farthest_first(
 
 @kernel
 def _select(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
-    """Write the numbers of selected places (n, 3) to ``taken``; return how many there are."""
+    """Select positions at least ``spacing`` apart from ``places`` (n, 3), in their order.
+
+    Write their indices to ``taken``, and return their count. Positions on opposite sides of a thin
+    part, by their normals, may be closer.
+    """
     count = 0
     for i in range(len(places)):
         is_free = True

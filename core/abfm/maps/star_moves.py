@@ -1,8 +1,8 @@
 """Moves of single vertices of a mesh that reduce the energy of the faces around them.
 
-Energies are products ``D phi(V)`` of two functions of a corner's position. D is a face's Dirichlet
-energy, which is quadratic. V is the face's area or volume, which is treated as linear. Kernels with
-two axes work in the plane that the axes span.
+The energy of a face is a sum of products ``D phi(V)``. D and V depend on the position of a corner.
+D is the face's Dirichlet energy, which is quadratic. V is the face's area or volume, which is
+treated as linear. Kernels with two axes work in the plane that the axes span.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ STEP_TRIES = 12  # largest number of reductions of a step
 
 
 class Workspace(NamedTuple):
-    """Arrays for the neighbourhood of a vertex of a mesh with V vertices."""
+    """Temporary arrays for the neighbourhood of one vertex of a mesh with V vertices."""
 
     star: IntArray  # (V,), corners at the vertex
     shapes: FloatArray  # (V, 4), shapes of their faces, see `shape`
@@ -48,15 +48,18 @@ def normalize(a: FloatArray) -> None:
 def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Return six times the signed volume of the tetrahedron of a face and the sphere's centre.
 
-    For a small face on the unit sphere, the result is twice its area; for a flipped face, it is
-    negative.
+    For a small face on the unit sphere, this is twice the area of the face. It is negative for a
+    flipped face.
     """
     return scalar(a, cross(difference(b, a), difference(c, a)))
 
 
 @unfused_kernel
 def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float, float]:
-    """Return half the cotangents of a face's angles, and its area, with lengthened sides."""
+    """Return half the cotangents of the angles of a face, and its area.
+
+    The sides are first lengthened by 1% of their mean, so that results for slivers are finite.
+    """
     p, q, r = difference(b, c), difference(c, a), difference(a, b)
     first, second, third = np.sqrt(scalar(p, p)), np.sqrt(scalar(q, q)), np.sqrt(scalar(r, r))
     more = _MOLLIFICATION * (first + second + third) / 3
@@ -83,11 +86,11 @@ def add_product(
     logarithm: tuple[float, float],
     phi: tuple[float, float, float],
 ) -> None:
-    """Add the derivatives of ``D phi(V)`` along two axes to a model.
+    """Add the derivatives of ``D phi(V)`` along two axes to ``model`` (5,).
 
-    ``dirichlet`` has D and its first derivatives, ``metric`` the second derivatives 11, 12, 22 of
-    D. ``logarithm`` has the first derivatives of ``log V``, and ``phi`` the values ``phi``,
-    ``V phi'`` and ``V^2 phi''``.
+    The model has the first derivatives 1, 2 and the second derivatives 11, 12, 22. ``dirichlet``
+    has D and its first derivatives, ``metric`` the second derivatives of D. ``logarithm`` has the
+    first derivatives of ``log V``, and ``phi`` the values ``phi``, ``V phi'`` and ``V^2 phi''``.
     """
     value, d1, d2 = dirichlet
     v1, v2 = logarithm
@@ -100,7 +103,11 @@ def add_product(
 
 @unfused_kernel
 def step_to_minimum(model: FloatArray) -> tuple[float, float]:
-    """Return the step along two axes to the minimum of a quadratic model, which is made convex."""
+    """Return the step along two axes to the minimum of a quadratic model.
+
+    ``model`` (5,) has its first derivatives and the second derivatives 11, 12, 22. It is made
+    convex by larger second derivatives if necessary.
+    """
     g1, g2, h11, h12, h22 = model
     middle, gap = (h11 + h22) / 2, np.hypot((h11 - h22) / 2, h12)
     more = max(0.0, _CURVATURE_SHARE_MIN * (abs(middle) + gap) - (middle - gap))

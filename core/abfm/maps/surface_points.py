@@ -29,7 +29,7 @@ _SPREAD_FRACTIONS = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """P points of a mesh.
+    """P points of a surface, each given by a face and barycentric weights.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class SurfacePoints:
 
 
 def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> SurfacePoints:
-    """Return the vertices with given indices (P,), by default all vertices, as surface points."""
+    """Return the vertices with indices (P,), by default all vertices, as surface points."""
     count = len(mesh.vertices)
     given = np.arange(count) if vertices is None else np.asarray(vertices)
     if given.ndim != 1 or given.dtype.kind not in "iu":
@@ -125,7 +125,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 
 
 class ClosestPoints:
-    """A search tree of the faces of a mesh.
+    """A search tree of the faces of a mesh, to find surface points closest to points in space.
 
     With ``positions`` (V, 3) the vertices are moved there first, and faces without area are
     excluded. The tree is not cached with the mesh, because igl's trees must be deleted before the
@@ -180,10 +180,10 @@ def barycentric_weights(
     corners: IndexArray,
     out: FloatArray,
 ) -> None:
-    """Compute the barycentric weights (P, 3) of points that lie on ``faces`` (P,).
+    """Compute the barycentric weights (P, 3) of points in space that lie on ``faces`` (P,).
 
-    The closest candidate on the three sides and inside the face is chosen, because on slivers the
-    weights computed for the inside are inaccurate.
+    Each result is the closest of four candidates: one on each side of the face, and one inside it.
+    On slivers, the candidate inside is inaccurate.
     """
     sides, offsets, inside, tried = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for p in range(faces.size):

@@ -51,7 +51,10 @@ class Symmetry:
 
 
 class SymmetryError(AbfmError):
-    """The surface has no symmetry of this kind; `error` is the error of the best candidate."""
+    """An error because the surface has no symmetry of the requested kind.
+
+    ``error`` is the error of the best candidate, in sqrt(area).
+    """
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)
@@ -107,7 +110,7 @@ class _Isometries(NamedTuple):
     order: int
 
     def linear(self, axes: FloatArray) -> FloatArray:
-        """Return the matrices (..., 3, 3) of reflections or rotations by their unit axes."""
+        """Return the matrices (..., 3, 3) of the reflections or rotations with given unit axes."""
         along = axes[..., :, None] * axes[..., None, :]
         if self.kind == "mirror":
             return np.eye(3) - 2 * along
@@ -119,7 +122,7 @@ class _Isometries(NamedTuple):
 
 @per_mesh
 def _best(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
-    """Return the best symmetry, whatever its error."""
+    """Return the best candidate for a symmetry, even if its error is large."""
     with step("searching for symmetries", len(mesh.vertices)):
         return _search(mesh, kind, order)
 
@@ -148,12 +151,12 @@ def _search(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     vertices, scale = mesh.vertices, mesh.length_scale
 
     def gap(s: Symmetry) -> float:
-        """Return the error of a symmetry, for permutations by vertices, in sqrt(area)."""
+        """Return the error in sqrt(area), between vertices if the symmetry permutes them."""
         offsets = s.apply(vertices) - vertices[s.vertex_map]
         return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
 
     def motion(s: Symmetry) -> float:
-        """Return the mean squared displacement of vertices."""
+        """Return the mean squared displacement of the vertices by a symmetry."""
         return float(((s.apply(vertices) - vertices) ** 2).sum(axis=1).mean())
 
     gaps = [gap(s) for s in exact or tried]
@@ -168,7 +171,10 @@ def _apply(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatA
 
 
 def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
-    """Return the centroid (3,) and the unit eigenvectors of the exact second moments, in rows."""
+    """Return the centroid (3,) of a surface, and its principal axes (3, 3) in rows.
+
+    The axes are the unit eigenvectors of the exact second moments.
+    """
     corners, areas = mesh.vertices[mesh.faces], face_areas(mesh)
     centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)
     offsets = corners - centroid
@@ -179,10 +185,11 @@ def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
-    """Return the axes (K, 3) of the symmetries that map vertex p to one of its partners.
+    """Return the axes (K, 3) of the symmetries that map vertex ``p`` to one of its partners.
 
-    Partners are vertices whose distance from the centroid is similar to that of p. One half of them
-    is spread over the surface; the other half have a vertex area similar to that of p.
+    ``x`` (V, 3) are the vertices relative to the centroid. Partners are vertices whose distance
+    from the centroid is similar to that of p. One half of them is spread over the surface; the
+    other half have a vertex area similar to that of p.
     """
     distance = np.linalg.norm(x, axis=1)
     difference = np.abs(distance - distance[p])
@@ -217,9 +224,9 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Return the axes whose symmetries displace points, but least away from the surface.
+    """Select the axes whose symmetries move points, but keep them close to the surface.
 
-    Among axes that are equally good, those with larger motions come first.
+    The closest ones come first, and among equally close ones those with larger motions.
     """
     moved = _apply(group.linear(axes), centre, points)
     motion = ((moved - points) ** 2).sum(axis=2).mean(axis=1)
@@ -234,7 +241,7 @@ def _screened(
 
 
 def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
-    """Return the numbers of the axes by ascending error, except near duplicates of earlier axes."""
+    """Return the indices of axes by ascending error, without near duplicates of earlier axes."""
     distinct: list[int] = []
     for i in np.argsort(errors, kind="stable"):
         if (np.abs(axes[distinct] @ axes[i]) < 1 - _AXIS_TOLERANCE).all():
@@ -245,9 +252,9 @@ def _distinct(axes: FloatArray, errors: FloatArray) -> list[int]:
 def _refined(
     group: _Isometries, axes: FloatArray, centres: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Refine axes (K, 3) and points on them (K, 3); return both and a distance (K,) for each axis.
+    """Refine axes (K, 3) and points on them (K, 3); return both, and the error (K,) of each axis.
 
-    This is the largest distance of an image from the surface.
+    The error is the largest distance of the image of a point from the surface.
     """
     for remaining in reversed(range(_REFINEMENTS if group.order == 2 else 1)):
         moved = _apply(group.linear(axes), centres[:, None], points)
@@ -268,7 +275,10 @@ def _refined(
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Return a symmetry tested on all vertices, from its axis and centre for unit area."""
+    """Return the symmetry with a given axis and centre, tested on all vertices.
+
+    Axis and centre are those for the surface scaled to unit area.
+    """
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
     positions = _apply(linear, centre, group.surface.vertices)

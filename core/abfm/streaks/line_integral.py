@@ -1,9 +1,10 @@
 """Line integral convolution: noise smeared along a field shows its flow lines on a surface.
 
-Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993. Each
-streamline serves all texels that it meets, as in Stalling and Hege, Fast and Resolution Independent
-Line Integral Convolution, SIGGRAPH 1995. Here streamlines are traced on the surface itself, along
-the field made continuous. The noise is a function of the position in space.
+The method is that of Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution,
+SIGGRAPH 1993. Each streamline provides the values of all texels that it meets, as in Stalling and
+Hege, Fast and Resolution Independent Line Integral Convolution, SIGGRAPH 1995. Here streamlines are
+traced on the surface itself, along the field made continuous. The noise is a function of the
+position in space.
 """
 
 import math
@@ -133,7 +134,10 @@ def line_integral_convolution(
 
 
 def _window(steps: float, phases: FloatArray | None) -> FloatArray:
-    """Return weights (P, K) of equal norm: Hann's window, or ripples that move under it."""
+    """Return weights (P, K) of the convolution, one row of norm 1 for each phase.
+
+    They are Hann's window or, if there are phases, ripples that move under this window.
+    """
     half = max(round(steps / 2), 1)
     along = np.pi * (np.arange(-half, half) + 0.5) / half
     weights = (1 + np.cos(along))[None]
@@ -143,7 +147,7 @@ def _window(steps: float, phases: FloatArray | None) -> FloatArray:
 
 
 class Streamlines(NamedTuple):
-    """A field with the step of its streamlines, and the texture of the surface."""
+    """The data of all streamlines: a field, the step along it, and the texture of the surface."""
 
     flow: SmoothFlow
     # (F, 5, 3), coefficients ``a + b x + c y`` of a place (x, y) of a face: three coordinates in
@@ -159,9 +163,10 @@ class Streamlines(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Noise and texels along a streamline, ``n`` steps of ``m`` parts in each direction.
+    """The record of one streamline: noise and texels along it.
 
-    The arrays begin at the backward end of the streamline; its start is in their middle.
+    It has ``n`` steps of ``m`` parts in each direction. The arrays begin at the backward end of the
+    streamline; its start is in their middle.
     """
 
     noise: FloatArray  # (2 n,), mean noise over each step
@@ -173,7 +178,10 @@ class Track(NamedTuple):
 
 @kernel
 def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
-    """Set a walker's vector to its next step, zero where the field is slow or turns back."""
+    """Set a walker's vector to its next step along the field.
+
+    The vector becomes zero where the speed is at most ``calm`` or the field turns back.
+    """
     f, x, y, before_x, before_y = walker
     u, v = vector_at(flow, f, x, y)
     speed = math.copysign(math.sqrt(u * u + v * v), step)
@@ -195,7 +203,7 @@ def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Wal
 def follow(
     lines: Streamlines, walker: Walker, ahead: int, steps: tuple[int, int], track: Track
 ) -> Walker:
-    """Follow a streamline for some steps, ahead (1) or back (-1), and record its track.
+    """Follow a streamline for some steps, ahead (1) or back (-1), and record them in ``track``.
 
     Beyond the end of the streamline the noise continues straight in space, so that all streamlines
     have the same amount of noise.
@@ -238,7 +246,10 @@ def follow(
 
 @kernel
 def hashed(place: FloatArray, seed: int) -> float:
-    """Return the random number from -1 to 1 of the noise cell at a place (3,)."""
+    """Return a random number from -1 to 1, the noise at a position (3,) in space.
+
+    It is constant in each noise cell, a cube of side 1.
+    """
     h = (np.uint64(seed) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
     h ^= h >> np.uint64(32)
     for k in range(3):
@@ -250,14 +261,17 @@ def hashed(place: FloatArray, seed: int) -> float:
 
 @kernel
 def put(charts: FloatArray, f: Face, x: float, y: float, place: FloatArray) -> None:
-    """Set ``place`` (3,) to the position in space of a place (x, y) in a face."""
+    """Write to ``place`` (3,) the position in space of a point (x, y) in a face's local frame."""
     for k in range(3):
         place[k] = charts[f, k, 0] + x * charts[f, k, 1] + y * charts[f, k, 2]
 
 
 @kernel
 def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
-    """Return the place in the frame of a face with given barycentric weights."""
+    """Return the coordinates of a point in the local frame of face ``f``.
+
+    ``b`` (3,) are the barycentric weights of the point.
+    """
     g = lines.flow.gradients
     area = g[f, 1, 0] * g[f, 2, 1] - g[f, 1, 1] * g[f, 2, 0]
     x, y = b[1] * g[f, 2, 1] - b[2] * g[f, 1, 1], b[2] * g[f, 1, 0] - b[1] * g[f, 2, 0]
@@ -266,7 +280,10 @@ def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
 
 @kernel
 def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
-    """Return the sum of noise from index ``start`` times a picture's weights, in four lanes."""
+    """Return the noise from index ``start`` on, convolved with the weights of one image.
+
+    ``picture`` is the index of the image. The sum is computed in four parallel lanes.
+    """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     count = weights.shape[1]
     whole = (count // 4) * 4
@@ -285,8 +302,8 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
 
     The convolution fills the texels whose centre is in their face, and sets ``done`` (texels,) for
-    them. Each streamline serves the texels that it meets, unless another streamline came nearer to
-    their centres. It grows while enough of these texels are new.
+    them. Each streamline provides the values of the texels that it meets, unless another streamline
+    came nearer to their centres. It grows while enough of these texels are new.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS
@@ -332,7 +349,10 @@ def grow(
     lengths: tuple[int, int],
     met: tuple[Track, IndexArray],
 ) -> int:
-    """Extend a streamline to one side by half the window, and further while it meets new texels."""
+    """Extend a streamline to one side by half the window, and further while it meets new texels.
+
+    Return the number of steps for which the noise is known over a complete window.
+    """
     half, most = lengths
     track, nearest = met
     known, steps = 0, _CHUNK
@@ -357,7 +377,10 @@ def serve(
     values: FloatArray,
     images: FloatImage,
 ) -> None:
-    """Write the values of a track, from first to last node, to the texels where it is nearest."""
+    """Write the values along a streamline to the texels to which it is the nearest so far.
+
+    ``nodes`` has the first and the last node of its track, and the number of parts of a step.
+    """
     first, last, parts = nodes
     for i in range(first, last + 1):
         target = track.texels[i]
@@ -373,7 +396,10 @@ def serve(
 
 @kernel
 def sharpen(factor: float, images: FloatImage) -> None:
-    """Map values (P, texels), times a factor, along half a wave of the sine, and clip them."""
+    """Multiply the values of ``images`` (P, texels) by ``factor``, clip them, and apply a sine.
+
+    The results are from -0.5 to 0.5.
+    """
     for picture in range(images.shape[0]):
         for texel in range(images.shape[1]):
             share = min(max(images[picture, texel] * factor, -0.5), 0.5)
@@ -382,7 +408,7 @@ def sharpen(factor: float, images: FloatImage) -> None:
 
 @kernel
 def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
-    """Multiply the texels of ``images`` (P, texels) by a factor times the speed, at most 1."""
+    """Multiply the texels of ``images`` (P, texels) by ``factor`` times the speed, at most by 1."""
     b = np.empty(3)
     for texel in range(lines.owners.size):
         f = lines.owners[texel]
@@ -397,7 +423,10 @@ def dim(lines: Streamlines, factor: float, images: FloatImage) -> None:
 
 @kernel
 def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
-    """Compute the weights of a texel's centre; return whether it is in the texel's face."""
+    """Compute the barycentric weights ``b`` (3,) of a texel's centre in the texel's face.
+
+    Return whether the centre is inside the face.
+    """
     f = lines.owners[texel]
     corners = lines.corners[f]
     u0, u1 = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -413,7 +442,7 @@ def weigh_texel(lines: Streamlines, texel: int, b: FloatArray) -> bool:
 
 @kernel
 def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
-    """Return whether two opposite neighbours are known (1 to 254) and of the same face."""
+    """Return whether two opposite neighbours of a texel have values and belong to its face."""
     for away in (1, lines.size):
         count = 0
         for i in (texel - away, texel + away):
@@ -426,7 +455,10 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 
 @kernel
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
-    """Move a place near face ``f`` into the face behind an edge or to the edge; return the face."""
+    """Return the face of a point near face ``f``, and update its barycentric weights ``b`` (3,).
+
+    A point beyond an edge moves into the face behind it or, at a boundary, to the edge.
+    """
     c, flow = 0, lines.flow
     for i in range(1, 3):
         if b[i] < b[c]:
@@ -467,7 +499,10 @@ def fill_gaps(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
 
 @kernel
 def fill_margins(lines: Streamlines, done: IndexArray, images: FloatImage) -> None:
-    """Give texels around each triangle the values behind its edge, from texels in ``done``."""
+    """Give texels around each triangle values from the face behind the adjacent edge.
+
+    The values are interpolated between texels that are ``done``.
+    """
     b = np.empty(3)
     for texel in range(done.size):
         if lines.owners[texel] < 0 or done[texel]:

@@ -22,10 +22,10 @@ _BISECTIONS = 14  # bisections to find the texel length
 
 @dataclass(frozen=True, eq=False)
 class TextureAtlas:
-    """The place of each triangle in a square texture; see `texture_atlas`.
+    """The place of each triangle of a mesh in a square texture; see `texture_atlas`.
 
     Texel (row, column) covers the square from (column, row) to (column + 1, row + 1); row 0 is at
-    the bottom. The texels around a triangle that linear filtering reads belong to that triangle.
+    the bottom. Linear filtering also reads texels around a triangle; these belong to the triangle.
     """
 
     mesh: TriangleMesh
@@ -56,7 +56,10 @@ class TextureAtlas:
         return SurfacePoints(self.mesh, faces, weights)
 
     def affine(self, h: ArrayLike) -> FloatArray:
-        """Return a vertex function (V,) as ``a + b x + c y`` in texels, for each face, (F, 3)."""
+        """Return the coefficients (F, 3) of a function on each face as ``a + b x + c y``.
+
+        ``h`` (V,) has its values at the vertices. The position (x, y) in the texture is in texels.
+        """
         h0, h1, h2 = channels(self.mesh, h, "h")[0][self.mesh.faces].T
         origin, first, second = np.moveaxis(self.corners, 1, 0)
         u, v = first - origin, second - origin
@@ -119,7 +122,11 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, and place their rectangles, if they fit."""
+    """Pair triangles in rectangles, and place these in a square texture.
+
+    ``legs`` (F, 2) are the legs of the triangles in texels. Return whether all rectangles fit, the
+    sequence of the triangles, and the sides and corners of the rectangles.
+    """
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
@@ -134,7 +141,10 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
 
 @kernel
 def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
-    """Place rectangles of descending height on shelves of a square; return whether they fit."""
+    """Place rectangles of descending height on shelves of a square; return whether all fit.
+
+    Write their corners to ``corners`` (n, 2).
+    """
     x, y, shelf = 0, 0, 0
     for i in range(sides.shape[0]):
         width, height = sides[i, 0], sides[i, 1]
@@ -152,7 +162,10 @@ def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
 def halve_rectangles(
     corners: IndexArray, sides: IndexArray, owners: IndexArray, texels: IndexArray
 ) -> None:
-    """Assign texels of rectangles to owners (n, 2) below and above the falling diagonal."""
+    """Assign the texels of each rectangle to one face below and one above its falling diagonal.
+
+    ``owners`` (n, 2) has both faces of each rectangle; ``texels`` is the face of each texel.
+    """
     for i in range(sides.shape[0]):
         w, h = sides[i, 0], sides[i, 1]
         for row in range(h):
