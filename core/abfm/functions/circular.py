@@ -62,7 +62,10 @@ class Circular(Family):
 
 
 def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
-    """Return the cosine and sine (..., 2 C) of values (n,) or (..., C) with a period."""
+    """Return the cosine and sine of values that repeat after ``period``, as two channels each.
+
+    Values (..., C) of C channels become (..., 2 C); values (n,) count as one channel.
+    """
     angles = TURN / period * real_numbers(values, "values", FunctionError)
     if angles.ndim == 1:
         angles = angles[:, None]
@@ -71,7 +74,10 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 
 
 def checked_period(circular: Any) -> float | None:
-    """Return the period that an argument ``circular`` means: 2 pi for True, None for False."""
+    """Return the period in an argument ``circular``: 2 pi for True, None for False.
+
+    Raises a ParameterError if the argument is neither a truth value nor a positive number.
+    """
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None
     try:
@@ -86,7 +92,11 @@ def checked_period(circular: Any) -> float | None:
 def circular_frames(
     frames: ArrayLike, weights: ArrayLike | None, circular: object
 ) -> tuple[ArrayLike, ArrayLike | None]:
-    """Convert frames (T, V) or (T, V, C) and weights if ``circular`` is True or a period."""
+    """Convert frames to their cosine and sine if ``circular`` is True or a period.
+
+    Frames (T, V) or (T, V, C) of a sequence become (T, V, 2 C), and weights of channels are
+    repeated. Otherwise both are returned unchanged.
+    """
     if (period := checked_period(circular)) is None:
         return frames, weights
     numbers = real_numbers(frames, "frames", FunctionError)
@@ -95,11 +105,11 @@ def circular_frames(
 
 
 def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
-    """Return the period of values (V,) that jump by about a period between neighbours, or None.
+    """Return the period of values (V,) that wrap around, such as angles; None for other values.
 
-    The range of such values is 2 pi or 360. On at least 3 edges, values differ by more than 0.9 of
-    the range, and on fewer edges by 0.3 to 0.9 of it. Step functions are excluded: they have few
-    values in the middle of the range.
+    The range of such values is 2 pi or 360, which is the period. On at least 3 edges, values differ
+    by more than 0.9 of the range, and on fewer edges by 0.3 to 0.9 of it. Step functions are
+    excluded: they have few values in the middle of the range.
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():
@@ -119,13 +129,13 @@ def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
 
 
 def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
-    """Warn if some functions (C, V) are phases that will be compared as numbers."""
+    """Warn if some functions (C, V) seem to be phases, but will be compared as numbers."""
     if text := phase_warning(mesh, rows):
         warnings.warn(text, AbfmWarning, stacklevel=3)
 
 
 def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> None:
-    """Warn, once for a mesh, if values (V,) jump by another period than ``period``."""
+    """Warn, once for a mesh, if values (V,) wrap around after another period than ``period``."""
     found = wrapped_period(mesh, values)
     if found is None or math.isclose(found, period, rel_tol=1e-3):
         return
@@ -137,7 +147,7 @@ def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> Non
 
 
 def phase_warning(mesh: TriangleMesh, rows: FloatArray) -> str:
-    """Return a warning if some functions (C, V) jump like phases, or an empty text."""
+    """Return a warning if some functions (C, V) seem to be phases; otherwise an empty text."""
     periods = [period for row in rows if (period := wrapped_period(mesh, row)) is not None]
     if not periods:
         return ""

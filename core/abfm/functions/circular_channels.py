@@ -1,4 +1,4 @@
-"""Conversion of circular functions to two channels each."""
+"""Conversion of circular functions to two channels each, cosine and sine."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from abfm.functions.spec import parse
 
 
 def without_circle(text: str) -> str:
-    """Return the text of the function inside a circular one; return other texts unchanged."""
+    """Return the text of the function inside ``circular:(...)``; return other texts unchanged."""
     tree = parse(text)
     return str(tree.function) if isinstance(tree, Circular) else text
 
@@ -23,7 +23,7 @@ def split_channels(
     weights: Sequence[float],
     period: float | None = None,
 ) -> tuple[list[str], list[str], list[float]]:
-    """Replace each circular channel by two channels with the same weight.
+    """Replace each circular channel by its cosine and sine, two channels of the same weight.
 
     With a ``period``, all functions become circular.
 
@@ -56,7 +56,7 @@ def _parts(text: str, period: float | None) -> list[str]:
 
 
 def circular_channels(f: Any, g: Any, weights: Any, circular: object) -> tuple[Any, Any, Any]:
-    """Return the functions and weights of a problem, with two channels for each circular one.
+    """Return the functions f, g and weights of a problem, with two channels for each circular one.
 
     Arrays (V,) or (V, C) and texts are circular if ``circular`` is True or a period. Texts may also
     be of the family ``circular``.

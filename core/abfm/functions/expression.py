@@ -141,7 +141,10 @@ def _parsed(formula: str) -> ast.expr:
 
 
 def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
-    """Return the value of a syntax node; anything except arithmetic raises a ValueError."""
+    """Evaluate a node of the syntax tree of a formula; ``names`` has the values of variables.
+
+    Raises a ValueError for anything except arithmetic.
+    """
     match node:
         case ast.Constant(bool() | complex() | str() | bytes() | None as other):
             raise ValueError(f"{brief(other)} is not a real number")

@@ -15,11 +15,14 @@ from abfm.types import FloatArray
 
 
 class Spec(ABC):
-    """Specification of a function without a mesh; ``str(spec)`` can be parsed to an equal one."""
+    """Specification of a function, without a mesh.
+
+    Parsing ``str(spec)`` gives an equal specification.
+    """
 
     @abstractmethod
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        """Return the values at the vertices, (V,)."""
+        """Return the values (V,) of the function at the vertices of a mesh."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class ValueKind:
 
 
 class Slider(NamedTuple):
-    """Range of the slider of a parameter; users can type values beyond it."""
+    """Range of the slider of a parameter in a form; users can type values beyond it."""
 
     low: float
     high: float
@@ -42,7 +45,10 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One of several forms of a family: a summary, an example, and its parameters."""
+    """One of several forms of a family: a summary, an example, and its parameters.
+
+    An indicator, for example, is a disc or a half-space.
+    """
 
     summary: str
     example: str
@@ -51,7 +57,7 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a family, for its text form, help texts, messages and forms."""
+    """A parameter of a family, as used by the text form, help texts, messages and forms."""
 
     name: str
     kind: ValueKind
@@ -70,7 +76,10 @@ class Parameter:
 
 
 def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
-    """Declare a dataclass field of a family with the attributes of :class:`Parameter`."""
+    """Declare a dataclass field of a family as a parameter.
+
+    ``more`` has other attributes of :class:`Parameter`.
+    """
     return field(
         default=default, metadata={"kind": kind, "summary": summary, "default": default, **more}
     )
@@ -78,10 +87,10 @@ def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: 
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Spec):
-    """Family of functions; subclasses are frozen dataclasses with fields by ``parameter``.
+    """Base class of function families.
 
-    Values may be text. They are converted and checked on construction, which raises a
-    FunctionError.
+    Subclasses are frozen dataclasses whose fields are declared by ``parameter``. Values may be
+    text. They are converted and checked on construction, which raises a FunctionError.
     """
 
     family: ClassVar[str]
@@ -113,14 +122,14 @@ class Family(Spec):
         return {p.name: found[p.name] for p in self.parameters() if found[p.name] != p.default}
 
     def shape(self) -> str:
-        """Return the name of the first form that has all set parameters; empty if none has."""
+        """Return the name of the first form with all parameters that are set; empty if none."""
         changed = self._changed().keys()
         fitting = (name for name, shape in self.shapes.items() if changed <= set(shape.parameters))
         return next(fitting, "")
 
     @classmethod
     def summary(cls) -> str:
-        """Return the first line of the docstring."""
+        """Return the first line of the docstring of the family."""
         return (inspect.getdoc(cls) or "").partition("\n")[0]
 
     def __str__(self) -> str:
@@ -148,7 +157,7 @@ def _text(value: Any) -> str:
 
 
 def quoted(text: str) -> str:
-    """Return text in double quotes if it has characters that the parser would interpret."""
+    """Return a text, in double quotes if it has characters that the parser would interpret."""
     plain = re.fullmatch(r"[\w./\\~:-]+( [\w./\\~:-]+)*", text)
     return text if plain else '"' + text.replace('"', '""') + '"'
 
@@ -179,7 +188,7 @@ WORD = ValueKind("a name or a number", _nonempty)
 
 
 def file_name(*suffixes: str) -> ValueKind:
-    """Return the type of names of files with these endings."""
+    """Return the type of a parameter that is the name of a file with one of these endings."""
     return ValueKind("the name of a file", _nonempty, suffixes=suffixes)
 
 
@@ -189,7 +198,7 @@ def choice(*names: str) -> ValueKind:
 
 
 def texts_of(functions: Any) -> list[str] | None:
-    """Return a text or a list of texts as a list; None for anything else."""
+    """Return functions given by a text, or by several texts, as a list; None for anything else."""
     if isinstance(functions, str):
         return [functions]
     is_list = isinstance(functions, list | tuple) and len(functions) > 0

@@ -100,7 +100,9 @@ class Permuted(Family):
 
 
 def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
-    """Return the vertex map (V,) of a file, or of the symmetry ``mirror`` or ``rotation``.
+    """Return the vertex map (V,) in a file, or that of the symmetry ``mirror`` or ``rotation``.
+
+    Vertex i is mapped to the vertex in entry i.
 
     Raises
     ------
@@ -167,7 +169,7 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
 def mapped_vertices(
     domain: TriangleMesh, codomain: TriangleMesh, path: str, table: FloatArray
 ) -> IntArray:
-    """Return the vertex of the codomain for each vertex of the domain, (V,).
+    """Return the vertex of the codomain to which each vertex of the domain is mapped, (V,).
 
     ``table`` (n, 1) has the contents of a file; vertices are counted as in `read_vertex_map`.
     """
@@ -183,9 +185,9 @@ def mapped_vertices(
 def _local_vertices(
     mesh: TriangleMesh, path: str, numbers: FloatArray, owners: IntArray | None = None
 ) -> IntArray:
-    """Convert vertex numbers of the mesh file to rows of the mesh, in the same shape.
+    """Convert vertex numbers of the mesh file to indices in the mesh, in the same shape.
 
-    Messages name ``owners``, the vertices of the rows of the file.
+    ``owners`` are the vertices to which the rows of the file belong, for messages.
     """
     count = mesh.file_vertex_count
     readings = [mesh.local_vertices(numbers - first) for first in (0, 1)]
@@ -217,7 +219,7 @@ def _local_vertices(
 
 
 def _swapped(mesh: TriangleMesh, path: str, pairs: IntArray) -> IntArray:
-    """Return the map that swaps the vertices of each pair, and maps others to themselves."""
+    """Return the map (V,) that swaps the vertices of each pair, and maps others to themselves."""
     both = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     twice = np.flatnonzero(both[1:, 0] == both[:-1, 0])
     if len(twice):

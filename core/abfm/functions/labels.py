@@ -21,7 +21,7 @@ def read_labels(
     mesh: TriangleMesh | None = None,
     hemisphere: str = "",
 ) -> Labels:
-    """Read a key for each vertex, with the names and colours of the keys.
+    """Read the label of each vertex: an integer key, with the names and colours of all keys.
 
     Files of labels may be .annot, .dlabel.nii or GIFTI. A GIFTI file has arrays of labels, a name
     that ends with .label.gii, or names for integer values. Files of integers (.csv, .txt, .npy,
@@ -76,7 +76,10 @@ def read_label_columns(
 def has_label(
     path: str, label: str, mesh: TriangleMesh, column: str | None = None, hemisphere: str = ""
 ) -> BoolArray:
-    """Return which vertices (V,) have a label (name or key) of a file, or raise FunctionError."""
+    """Return a mask (V,) of the vertices that have a label in a file.
+
+    ``label`` is the name or key of the label. Raises a FunctionError if the file does not have it.
+    """
     labels = read_labels(path, column, mesh, hemisphere)
     with file_errors(path):
         try:

@@ -55,11 +55,11 @@ class Curvature(Family):
 
 
 def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Return the angle defect over the mixed area (equation 9), (V,), in 1/length^2.
+    """Return the Gaussian curvature at the vertices, (V,), in 1/length^2.
 
-    The angle defect is not valid on a boundary. A rounding error ``r`` of the coordinates turns an
-    edge of length ``a`` by an angle ``r / a``. Angle defects up to the sum of these angles are set
-    to 0.
+    It is the angle defect over the mixed area (equation 9 of the paper cited by `Curvature`), which
+    is not valid on a boundary. A rounding error ``r`` of the coordinates turns an edge of length
+    ``a`` by an angle ``r / a``. Angle defects up to the sum of these angles are set to 0.
     """
     inverse = 1 / side_lengths(mesh.vertices, mesh.faces)
     around = np.roll(inverse, 1, axis=1) + np.roll(inverse, -1, axis=1)
@@ -69,9 +69,10 @@ def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def mean_curvature(mesh: TriangleMesh) -> FloatArray:
-    """Return half the Laplacian of the coordinates (equation 8) along the vertex normal, (V,).
+    """Return the mean curvature at the vertices, (V,), in 1/length.
 
-    The unit is 1/length. It is positive on a sphere with outward normals, and not valid on a
+    It is half the Laplacian of the coordinates along the vertex normal (equation 8 of the paper
+    cited by `Curvature`). It is positive on a sphere with outward normals, and not valid on a
     boundary. A face adds half the edge opposite to the vertex, rotated by a right angle. A rounding
     error ``r`` of the coordinates moves the edge by ``r``, and rotates the face by ``r`` over its
     smallest height. Values up to the sum of these errors are set to 0.
@@ -84,13 +85,13 @@ def mean_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def _at_vertices(mesh: TriangleMesh, of_corners: FloatArray) -> FloatArray:
-    """Sum values of the corners (F, 3) at each vertex, (V,)."""
+    """Return the sum of the values at corners (F, 3) for each vertex, (V,)."""
     sums = np.bincount(mesh.faces.ravel(), of_corners.ravel(), len(mesh.vertices))
     return np.asarray(sums, dtype=np.float64)
 
 
 def _rounding(mesh: TriangleMesh) -> float:
-    """Return the rounding error of the coordinates."""
+    """Return the rounding error of the largest coordinate of the mesh."""
     return _EPSILON * float(np.abs(mesh.vertices).max())
 
 
@@ -101,9 +102,9 @@ def _without_noise(values: FloatArray, noise: FloatArray) -> FloatArray:
 def mixed_areas(mesh: TriangleMesh) -> FloatArray:
     """Return the mixed area of each vertex, (V,) (section 3.3 of the paper cited by `Curvature`).
 
-    The mixed area is the Voronoi area, except in obtuse faces, of which it has a half or a quarter.
-    With a third of the adjacent faces instead, curvature would be wrong by 15% at irregular
-    vertices of an icosphere.
+    The mixed area is the Voronoi area, except in obtuse faces. Of these, a vertex gets a half or a
+    quarter. With a third of the adjacent faces instead, curvature would be wrong by 15% at
+    irregular vertices of an icosphere.
     """
     voronoi = igl.massmatrix(mesh.vertices, mesh.faces, igl.MASSMATRIX_TYPE_VORONOI)
     return np.asarray(voronoi.diagonal())
@@ -180,7 +181,10 @@ def _shape_diameter(mesh: TriangleMesh) -> FloatArray:
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
-    """Return angles of rays from the axis, (r,), and unit vectors (r, 3) with the axis last."""
+    """Return the rays in a cone: their angles from its axis, (r,), and unit vectors (r, 3).
+
+    The axis is the last coordinate.
+    """
     # the offset of a half avoids rays in the plane of the longest edge, where edges may be aligned
     i = np.arange(_RAYS) + 0.5
     cosine = 1 - (1 - np.cos(_HALF_ANGLE)) * i / _RAYS
@@ -189,10 +193,10 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 
 
 def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return a frame (n, 3, 3) for each longest edge of each vertex, and the vertices (n,).
+    """Return orthonormal axes (n, 3, 3), one set for each longest edge of each vertex.
 
-    Frames are orthonormal, with the first axis along the edge and the last one inward. Vertices are
-    in ascending order.
+    The first axis is along the edge, and the last one points inward. Also return the vertices (n,),
+    in ascending order; a vertex with several longest edges occurs several times.
     """
     one, other = mesh.edges.T
     owners, ends = np.r_[one, other], np.r_[other, one]
@@ -208,7 +212,10 @@ def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArr
 
 
 def _robust_mean(lengths: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the weighted mean of each row of (n, r) without NaN and outliers, (n,), or NaN."""
+    """Return the weighted mean of each row of (n, r), without NaN and outliers, (n,).
+
+    Outliers are beyond one standard deviation from the median. The mean of a row of NaN is NaN.
+    """
     mean = np.full(len(lengths), np.nan)
     has_values = np.isfinite(lengths).any(axis=1)
     rows = lengths[has_values]

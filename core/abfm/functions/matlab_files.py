@@ -29,10 +29,10 @@ Element = tuple[int, bytes]  # type and bytes of a data element
 
 
 def matlab_arrays(data: bytes) -> PointData:
-    """Return the numeric arrays of a file by name; each is decoded on access.
+    """Return the numeric arrays of a MATLAB file by name; each is decoded on access.
 
-    ValueError if the file is damaged. Access also raises it if several arrays have the name, or if
-    the array is complex.
+    Raises a ValueError if the file is damaged. Access raises it if several arrays have the name, or
+    if the array is complex.
     """
     if not data.startswith(_SIGNATURE) or len(data) < _HEAD_BYTES:
         raise ValueError(
@@ -76,7 +76,10 @@ def _flags(parts: list[Element], order: str) -> int:
 
 
 def _elements(data: bytes, order: str, begin: int = 0) -> Iterator[Element]:
-    """Yield data elements; a small one stores up to four bytes together with its size."""
+    """Yield the type and bytes of each data element, from index ``begin``.
+
+    A small element stores up to four bytes together with its size.
+    """
     while begin + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, begin)
         if small := kind >> 16:

@@ -1,4 +1,4 @@
-"""Functions with missing values."""
+"""Functions with missing values at some vertices."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from abfm.types import BoolArray, FloatArray
 def known_functions(
     mesh: TriangleMesh, functions: Any, name: str, mask: FloatArray | None = None
 ) -> tuple[FloatArray, BoolArray]:
-    """Return functions (C, V) with zeros for missing values, and where all values are known, (V,).
+    """Return functions (C, V) and a mask (V,) of the vertices with values in all channels.
 
-    ``functions`` are values (V,) or (V, C) or texts; values that are not finite, or where ``mask``
-    (V,) is 0, are missing. Messages use ``name``. FunctionError if the shape does not fit, or if no
-    vertex has values in all channels.
+    At other vertices, the functions are 0. ``functions`` are values (V,) or (V, C) or texts. Values
+    are missing if they are not finite, or where ``mask`` (V,) is 0. Messages use ``name``. Raises a
+    FunctionError if the shape does not fit, or if no vertex has values in all channels.
     """
     if texts := texts_of(functions):
         values = np.stack([function(mesh, text, allow_missing=True) for text in texts])
@@ -41,8 +41,9 @@ def known_functions(
 
 
 def filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Fill in missing values of functions (C, V) from those around; ``known`` (V,) is False there.
+    """Fill in missing values of functions (C, V) from known ones at vertices around them.
 
-    The functions are returned unchanged if no vertex has values.
+    ``known`` (V,) is False where values are missing. The functions are returned unchanged if it is
+    False everywhere.
     """
     return extend_all(mesh, functions, known) if known.any() else functions

@@ -26,7 +26,7 @@ _CHOOSE = 'Choose a hemisphere: abfm.load_mesh(..., hemisphere="L") or "R"'
 
 
 class ObjectValues(NamedTuple):
-    """Columns of an image or a source estimate, whose rows are vertices or sources."""
+    """Values from an image or a source estimate; rows are its vertices or its sources."""
 
     columns: Columns
     are_sources: bool = False
@@ -84,9 +84,9 @@ def texts_or_values(mesh: TriangleMesh, source: Any, name: str) -> Any:
 
 
 def values_of_object(mesh: TriangleMesh, source: Any) -> ObjectValues | None:
-    """Return the values of an image or a source estimate; None for anything else.
+    """Return the values of an image or a source estimate; None for any other object.
 
-    ValueError if the object has no values of one surface.
+    Raises a ValueError if the object has no values of one surface.
     """
     side = side_of(mesh.structure) or ""
     if has(source, "vertices", "data", "tmin", "tstep"):

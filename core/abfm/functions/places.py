@@ -50,7 +50,11 @@ def _of_point(summary: str) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class AroundPoints(Family):
-    """Family with a centre: ``vertex=``, numbered as in the file, or the point ``x=,y=,z=``."""
+    """Base class of families with a centre.
+
+    The centre is ``vertex=``, numbered as in the file, or the vertex nearest to the point
+    ``x=,y=,z=``.
+    """
 
     vertex: tuple[int, ...] | None = parameter(
         VERTICES,
@@ -74,7 +78,7 @@ class AroundPoints(Family):
             )
 
     def sources(self, mesh: TriangleMesh) -> IntArray:
-        """Return the rows of the centres in the vertices of the mesh, (n,)."""
+        """Return the indices (n,) of the centre vertices in the mesh."""
         if self.vertex is not None:
             return np.array([mesh.local_vertex(index) for index in self.vertex])
         offsets = mesh.vertices - np.array([self.x, self.y, self.z])
@@ -129,7 +133,7 @@ class Gaussian(AroundPoints):
 
 
 def _extent(function: Indicator, mesh: TriangleMesh) -> Slider | None:
-    """Return the range of the coordinate for a slider; None if the range is empty."""
+    """Return the range of the bounded coordinate for a slider; None if the range is empty."""
     height = _along(mesh, function.axis)
     ends = Slider(float(height.min()), float(height.max()))
     return ends if ends.low < ends.high else None

@@ -21,7 +21,7 @@ def warn_of_sides(mesh: TriangleMesh, path: str | os.PathLike[str], side: str = 
 
 
 def warn_once(mesh: TriangleMesh, text: str) -> None:
-    """Warn, unless the same text was already a warning about the mesh."""
+    """Warn, unless there was a warning with the same text for this mesh before."""
     reported = mesh.cache.setdefault(warn_once, set())
     if text not in reported:
         reported.add(text)

@@ -94,7 +94,7 @@ _FAMILIES: dict[str, type[Family]] = {
 
 
 def scaled(spec: Spec, factor: float, offset: float) -> Scaled:
-    """Return a function times a factor, plus an offset; two scalings are combined to one."""
+    """Return the function ``factor * spec + offset``; combine two scalings to one."""
     if isinstance(spec, Scaled):
         offset += factor * spec.offset
         factor, spec = factor * spec.factor, spec.function
@@ -102,7 +102,7 @@ def scaled(spec: Spec, factor: float, offset: float) -> Scaled:
 
 
 def families() -> tuple[type[Family], ...]:
-    """Return the classes of all families."""
+    """Return the classes of all families of functions."""
     return tuple(_FAMILIES.values())
 
 
@@ -174,7 +174,10 @@ def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -
 
 
 def files_in(functions: object) -> list[str]:
-    """Return the files of values in a function, its text, or a sequence of these."""
+    """Return the names of the value files that a function or several functions read.
+
+    Functions may be given as texts.
+    """
     if isinstance(functions, str):
         return files_in(parse(functions)) if functions else []
     if isinstance(functions, list | tuple):
@@ -184,7 +187,7 @@ def files_in(functions: object) -> list[str]:
 
 
 def functions_in(spec: Spec) -> Iterator[Spec]:
-    """Yield a function, and all functions inside it."""
+    """Yield a function and, recursively, all functions that it contains."""
     yield spec
     inner = spec.terms if isinstance(spec, Sum) else ()
     for each in (spec.function,) if isinstance(spec, Permuted | Scaled | Circular) else inner:
@@ -192,7 +195,7 @@ def functions_in(spec: Spec) -> Iterator[Spec]:
 
 
 class _Parser:
-    """Recursive descent parser; ``position`` is the index of the next character."""
+    """Recursive descent parser of functions; ``position`` is the index of the next character."""
 
     def __init__(self, text: str) -> None:
         self.text, self.position = text, 0
@@ -203,7 +206,7 @@ class _Parser:
         raise FunctionError(f"function {brief(self.text)}: expected {expected}, found {found}")
 
     def take(self, pattern: re.Pattern[str] | str) -> str:
-        """Skip blanks, then consume and return a match of the pattern; empty without a match."""
+        """Skip blanks, then consume and return the text that matches ``pattern``; empty if none."""
         while self.text[self.position : self.position + 1].isspace():
             self.position += 1
         match = re.compile(pattern).match(self.text, self.position)
@@ -247,7 +250,7 @@ class _Parser:
         return Permuted(path=path, function=self.inner(depth))
 
     def wrapped(self, cls: type[Scaled | Circular], depth: int) -> Spec:
-        """Return a family with an inner function, in parentheses after the arguments."""
+        """Parse the arguments of a ``scaled`` or ``circular`` function, and its inner function."""
         arguments = self.take(r"[^(]*").split(",")
         if not self.take(r"\("):
             example = "scaled:2" if cls is Scaled else "circular:period=360"
@@ -256,14 +259,14 @@ class _Parser:
         return cls(function=self.inner(depth), **values)
 
     def inner(self, depth: int) -> Spec:
-        """Return the spec up to its closing parenthesis."""
+        """Parse a function up to the closing parenthesis around it."""
         found = self.spec(depth + 1)
         if not self.take(r"\)"):
             self.fail("')'")
         return found
 
     def formula(self) -> str:
-        """Return the text up to the end, or to a closing parenthesis that is not of the formula."""
+        """Return the text of a formula, up to the end or the parenthesis that closes around it."""
         start, depth = self.position, 0
         for sign in self.text[start:]:
             depth += (sign == "(") - (sign == ")")
@@ -273,7 +276,7 @@ class _Parser:
         return self.text[start : self.position]
 
     def arguments(self) -> list[str]:
-        """Return the texts between separating commas, up to the end of the term."""
+        """Return the texts of arguments, which commas separate, up to the end of the term."""
         found, start, depth = [], self.position, 0
         while self.position < len(self.text):
             sign = self.text[self.position]
@@ -294,7 +297,7 @@ class _Parser:
 
 
 def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
-    """Return the values of the parameters of a family, as text by their keys."""
+    """Return the parameters of a family in parsed arguments: texts of their values by name."""
     keys = [p.name for p in cls.parameters()]
     expected = f"keys are {', '.join(keys)}" if keys else "it has no parameters"
     values: dict[str, Any] = {}

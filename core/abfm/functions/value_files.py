@@ -1,4 +1,4 @@
-"""Reader of values at vertices of all file formats; also used for frames, labels and maps."""
+"""Reader of values at vertices from files of all formats, also of sequences, labels and maps."""
 
 import math
 import os
@@ -71,7 +71,7 @@ _NO_VALUES = {
 
 
 class Request(NamedTuple):
-    """Selection of values in a file that may have other values as well."""
+    """The selection of values from a file that may have other values as well."""
 
     counts: tuple[int, ...] = ()  # numbers of vertices of the mesh and of its file
     array: str | None = None  # name of an array, for files with several
@@ -83,7 +83,10 @@ class Request(NamedTuple):
 
 @contextmanager
 def file_errors(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
-    """Convert all errors inside the context to a FunctionError that names the file."""
+    """Convert all errors inside the context to a FunctionError that names the file.
+
+    ``what`` is the kind of the file in the message.
+    """
     name = f"{what} {brief(os.fspath(path))}"
     try:
         yield
@@ -167,10 +170,11 @@ def read_column(
 
 
 def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatArray:
-    """Read a table (n, C) with the images of the vertices of a mesh; row i is row i of the file.
+    """Read a table (n, C) of vertex numbers, the images of the vertices of a mesh.
 
-    Vertex numbers of the rows are node indices of GIFTI, or a first column without a name, as
-    pandas writes it. Named columns do not number the rows.
+    Row i is the image of vertex i if the file has one value per vertex, or if its rows have vertex
+    numbers. These are node indices of GIFTI, or a first column without a name, as pandas writes it.
+    Otherwise rows are those of the file, such as pairs of vertices.
     """
     with file_errors(path, "map"):
         counts = counts_of(domain)
@@ -183,7 +187,10 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 
 
 def columns_of(opened: Opened, request: Request) -> Columns:
-    """Return the columns of a file, in the rows of the file; ValueError if it is invalid."""
+    """Return the requested columns of an opened file, with the rows of the file.
+
+    Raises a ValueError if the file is invalid.
+    """
     reader = READERS.get(opened.format)
     if reader is None:
         if opened.format is Format.UNKNOWN:
@@ -213,7 +220,11 @@ def _text(opened: Opened, request: Request) -> Columns:
 
 
 def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
-    """Return the column names 0, 1, 2, ... that pandas writes, if any, and the rows below them."""
+    """Separate a first line of column names 0, 1, 2, ..., as pandas writes it, from a table.
+
+    Return these names and the rows below them, or no names and the table if there is no such line.
+    ``counts`` are possible numbers of vertices.
+    """
     count, width = table.shape
     is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
     if is_clear and width > 1 and np.array_equal(table[0], np.arange(width)):
@@ -222,7 +233,10 @@ def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], Fl
 
 
 def _refuse_unsorted_vertices(table: FloatArray) -> None:
-    """Raise a ValueError if an unnamed first column contains each vertex number once."""
+    """Raise a ValueError if the first column seems to be vertex numbers in another order.
+
+    This is so if it has each vertex number once, but not in ascending order.
+    """
     first, count = table[:, 0], len(table)
     if table.shape[1] > 1 and (np.diff(first) != 1).any():
         for begin in (0, 1):
@@ -235,7 +249,10 @@ def _refuse_unsorted_vertices(table: FloatArray) -> None:
 
 
 def _gifti(opened: Opened, request: Request) -> Columns:
-    """Return the arrays as columns, without the arrays of a mesh; node indices number the rows."""
+    """Return the arrays of a GIFTI file as columns, without those of a mesh.
+
+    If there are node indices, they number the rows.
+    """
     gifti = read_gifti(opened)
     is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
     others = (*SURFACE, NODE_INDEX, *(["NIFTI_INTENT_VECTOR"] if is_mesh else []))  # normals
@@ -283,16 +300,20 @@ def _gifti(opened: Opened, request: Request) -> Columns:
 
 
 def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array without axes of length 1, with the axis of the vertices first."""
+    """Return an array with the axis of the vertices first, without axes of length 1.
+
+    ``counts`` are possible numbers of vertices.
+    """
     flat = values.reshape([size for size in values.shape if size != 1] or 1)
     return np.moveaxis(flat, vertex_axis(flat.shape, counts, 0), 0)
 
 
 def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
-    """Return whether an array has labels: by its intent or the name of the file.
+    """Return whether an array of a GIFTI file has labels.
 
-    Without an intent, integers in a file with names of labels are labels. A name of the key 0
-    alone, which Workbench writes, is not enough.
+    It has them by its intent, or if the name of the file is that of labels (``is_named``). Without
+    an intent, integers in a file with names of labels are labels. A name of the key 0 alone, which
+    Workbench writes, is not enough.
     """
     is_integer = array.values.dtype.kind in "iub" or np.array_equal(
         array.values, np.rint(array.values)
@@ -334,11 +355,12 @@ def _nifti(opened: Opened, request: Request) -> Columns:
 def image_columns(
     image: NDArray[Any], counts: tuple[int, ...], seconds: float = math.nan
 ) -> Columns:
-    """Return the frames of an image (columns, rows, slices, frames) with values at vertices.
+    """Return the frames of an image with values at vertices as columns.
 
-    The voxels of a frame are the vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with
-    the product V. An image may also have only two axes, of vertices and of columns. ValueError for
-    an image of a volume.
+    The axes of the image are columns, rows, slices and frames. The voxels of a frame are the
+    vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with the product V. An image may
+    also have only two axes, of vertices and of columns. Raises a ValueError for an image of a
+    volume.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:
@@ -396,7 +418,10 @@ def _npz(opened: Opened, request: Request) -> Columns:
 
 
 def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
-    """Return one array of a file. Another array named vertex, node or index numbers its rows."""
+    """Return the requested or only suitable array of a file of named arrays.
+
+    If another array is named vertex, node or index, it numbers the rows.
+    """
     places = [each for each in arrays if names_vertices(each)]
     if len(places) != 1 or len(arrays) == 1 or request.array == places[0]:
         return one_array(arrays, request)
@@ -418,7 +443,10 @@ def _vtk(opened: Opened, request: Request) -> Columns:
 def one_array(
     arrays: Mapping[str, NDArray[Any]], request: Request, ignored: Collection[str] = ()
 ) -> Columns:
-    """Return one array of a file of named arrays; ``ignored`` ones only if they are requested."""
+    """Return the requested array, or the only suitable one, of a file of named arrays.
+
+    The arrays in ``ignored`` are returned only if they are requested.
+    """
     name = _array_name(arrays, request, ignored)
     times = arrays["times"] if "times" in arrays and name != "times" else None
     if times is not None and (times.dtype.kind not in "iuf" or times.size != max(times.shape)):

@@ -63,7 +63,7 @@ class MapAccuracy:
         return np.asarray(at_most.sum(axis=-1) / len(self.errors))
 
     def report(self) -> str:
-        """Return the mean, median and largest error, and shares of vertices, as one line of text."""
+        """Return the mean, median and largest error, and shares of vertices, in a line of text."""
         shares = (
             f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in ERROR_BOUNDS
         )

@@ -168,7 +168,7 @@ class SphereLayout:
 
 
 def map_through_sphere(domain: SphereLayout, codomain: SphereLayout) -> PointMap:
-    """Return the map that takes each point of the domain to the codomain's point in its direction."""
+    """Return the map from each point of the domain to the codomain's point in its direction."""
 
     def interior_map(points: SurfacePoints) -> SurfacePoints:
         return codomain.locate(domain.directions_of(points))
