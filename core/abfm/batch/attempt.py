@@ -27,7 +27,7 @@ from abfm.workers.control import CancelledError, Control, checkpoint, current_co
 from abfm.workers.progress import step
 
 IMPOSSIBLE_STEP = f"{Outcome.IMPOSSIBLE}: "
-"""Prefix of the step that reports a row whose functions no flow can match."""
+"""Prefix of the progress step that reports a row whose functions no flow can match."""
 
 
 class Computation(Protocol):
@@ -50,8 +50,8 @@ class WorkItem:
 
     row: Row | Computation
     folder: str = ""
-    identity: str = ""
-    # contents of its files by name, if the worker has no access to them
+    identity: str = ""  # content of that file
+    # contents of the row's files by name, if the worker has no access to them
     contents: Mapping[str, bytes] | None = None
     version: str = field(default_factory=installed_version)  # version of abfm that created the item
     tries: int = 1  # number of this attempt; in earlier ones the process died
@@ -94,10 +94,10 @@ class Cost:
 
 
 def attempt(item: WorkItem) -> Answer:
-    """Solve a row and write its result unless it exists; return failures as answers.
+    """Solve a work item; write its result, unless it exists, and return failures as answers.
 
-    If the folder is accessible, also write the record of the row. CancelledError if the control of
-    this thread was cancelled.
+    The row's record is also written if the folder is accessible from this machine. CancelledError
+    if the control of this thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)
@@ -185,7 +185,7 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
 
 
 def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
-    """Report, as a step and in the ledger, that no flow can match a row, before it is solved."""
+    """Report a row that no flow can match, by a progress step and a record, before solving it."""
     facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return
@@ -199,7 +199,7 @@ def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
 def _with_contents(
     row: Row | Computation, contents: Mapping[str, bytes], folder: Path
 ) -> Row | Computation:
-    """Write files to a folder, preserving their relative paths, and return a row that uses them."""
+    """Write ``contents`` by path to files in a folder, and return a row that uses these files."""
     places = dict[str, str]()
     for path, content in contents.items():
         drive, relative = os.path.splitdrive(os.path.normpath(path))

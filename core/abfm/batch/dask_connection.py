@@ -59,7 +59,7 @@ class DaskConnection:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the scheduler answers. A client that reconnects has lost its calls."""
+        """Whether the client is connected. One that is reconnecting has lost its calls."""
         return bool(self._client.status == "running")
 
     def close(self) -> None:
@@ -72,8 +72,8 @@ class DaskConnection:
     def watched(self) -> Iterator[Callable[[], bool]]:
         """Yield a function that returns whether the scheduler answers.
 
-        The caller calls the function repeatedly. While the cluster has no workers, a call reports a
-        step.
+        The caller must call the function repeatedly. While the cluster has no workers, the
+        function reports the progress step `NO_WORKERS`.
         """
         checked, is_reported = 0.0, False
         with ExitStack() as reported:
@@ -122,7 +122,10 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 
 
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
-    """Connect to the scheduler, unless cancelled; without an answer it takes 30 seconds."""
+    """Return a client connected to the scheduler; ``make`` is the class of the client.
+
+    ResultError if there is no answer within 30 seconds. CancelledError if ``control`` is cancelled.
+    """
     clients = SimpleQueue[Any]()
 
     def connect() -> None:
@@ -150,7 +153,7 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
 
 
 def _check_versions(client: Any) -> None:
-    """Raise an error for a cluster with another version of abfm, or workers without abfm."""
+    """Raise ResultError if the scheduler or a worker has another version of abfm, or none."""
     here, found = installed_version(), dict[str, Any]()
     try:
         found["the scheduler"] = client.run_on_scheduler(version, "abfm")
@@ -175,7 +178,7 @@ def _check_versions(client: Any) -> None:
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Disable logs of broken connections, which are reported in one line or recovered from."""
+    """Disable Dask's logs of broken connections, which this module reports itself."""
     names = [name for name in logging.root.manager.loggerDict if name.startswith(_LOGGERS)]
     loggers = [logging.getLogger(name) for name in (*_LOGGERS, *names)]
     before = [logger.level for logger in loggers]

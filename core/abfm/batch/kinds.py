@@ -16,8 +16,8 @@ KINDS: Mapping[str, type[Task]] = {
     task.kind: task
     for task in (SequenceTask, MatchTask, RegistrationTask, SymmetricTask, ProblemTask)
 }
-"""Types of tasks by the name of their kind. If a row does not name its kind, the first type is
-used whose first required column is filled.
+"""Types of tasks by the name of their kind. A row that does not name its kind has the first type
+whose first required column is filled.
 """
 
 

@@ -23,7 +23,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
 
 RowState = Literal["done", "failed", "missing"]
-"""State of a row: it has a result, its last attempt failed, or it was not attempted to the end."""
+"""State of a row: "done" with a result, "failed" in the last attempt, or "missing" without one."""
 _LEDGER_BYTES_MAX = 256 << 20  # size of a ledger file
 _REASON_LENGTH_MAX = 400
 _NAME = re.compile("[0-9a-f]{1,128}")  # keys and digests, which become file names
@@ -33,8 +33,8 @@ _NAME = re.compile("[0-9a-f]{1,128}")  # keys and digests, which become file nam
 class Record:
     """State of a row after an attempt to solve it; stored under the row's key."""
 
-    digest: str = ""  # name of the result; empty if the attempt did not get that far
-    reason: str = ""  # cause of a failure
+    digest: str = ""  # name of the result; empty if the inputs could not be read
+    reason: str = ""  # cause of a failure; empty without a failure
     tries: int = 1  # number of attempts in the run that wrote the record
     seconds: float | None = None  # solution time; None if the result existed or solving failed
     # cost of a match, see `Cost`, and products with rows, see `RowProducts`
@@ -127,7 +127,7 @@ class Ledger:
             return path.read_text(encoding="ascii")
 
     def is_accessible(self, identity: str) -> bool:
-        """Return whether this path is the folder with that identity, and is writable."""
+        """Return whether the folder has this identity, see `make`, and is writable."""
         try:
             path = self.records_folder / "identity"
             is_same = path.read_text(encoding="ascii", errors="replace") == identity
@@ -175,12 +175,12 @@ class Ledger:
             remove_abandoned(folder)
 
     def write_rows(self, rows: Sequence[Row], title: str) -> None:
-        """Store the list of rows, for later queries of the batch's state."""
+        """Store the list of rows and its title in the folder, for `read_rows`."""
         entries = [{**row.to_dict(), "key": row.key} for row in rows]
         self._write(self.records_folder / "rows.json", {"title": title, "rows": entries})
 
     def read_rows(self) -> tuple[str, list[LedgerEntry]]:
-        """Return the title and the entries of the stored rows, without reading their files.
+        """Return the title and the entries of the stored rows; their input files are not read.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class Ledger:
             ) from error
 
     def _listed_entry(self, number: int, entry: Any) -> LedgerEntry:
-        """Return the entry of an item of the stored list; a failure if the item is damaged."""
+        """Return the ledger entry of an item of the list of rows; a failure if it is damaged."""
         try:
             row, key = _row_and_key(entry)
         except ValueError as error:

@@ -102,7 +102,10 @@ class Row:
         return self.task_type.kind
 
     def values(self) -> dict[str, Any]:
-        """Return values by column, repeated ones as lists; file names are absolute."""
+        """Return the parsed values by column, those of repeatable columns in lists.
+
+        File names are absolute.
+        """
         return self._values(self._resolved())
 
     @cached_property
@@ -122,7 +125,7 @@ class Row:
     def digest(self) -> str:
         """Name of the result, in hexadecimal digits.
 
-        For a match this is the digest of its `Problem`, which is created for it. Raises an
+        For a match this is the digest of its `Problem`, so the files are read first. Raises an
         AbfmError if the inputs are invalid.
         """
         return self.task().digest
@@ -148,7 +151,7 @@ class Row:
         return files_renamed(lambda rename: self._renamed(self._resolved(), rename))
 
     def relocated(self, places: Mapping[str, str]) -> Row:
-        """Return the same row with other paths for its files, given by their absolute names."""
+        """Return the row with moved files; ``places`` has new paths by absolute file name."""
         options = self._renamed(self._resolved(), lambda path: places.get(path, path))
         other = type(self)(self.name, options, self.folder, self.task_type)
         other.__dict__.update(written=self.written, key=self.key)
@@ -156,7 +159,7 @@ class Row:
 
     @cached_property
     def written(self) -> dict[str, Any]:
-        """Values by column as the user wrote them; results store these texts of functions."""
+        """Values by column, with file names as the user wrote them; results store these texts."""
         return self._values(self.options)
 
     def _resolved(self) -> list[tuple[str, str]]:
@@ -183,7 +186,7 @@ def problem_row(
     name: str = "",
     max_distortion: float | None = None,
 ) -> Row:
-    """Write a problem created in Python to the folder of results, once, and return its row.
+    """Return the row of a problem created in Python; write its file to the folder if it is missing.
 
     Raises
     ------
@@ -201,7 +204,7 @@ def problem_row(
 
 @cache
 def installed_version() -> str:
-    """Return the version of this abfm; cached, because the query is as slow as checking a row."""
+    """Return the installed version of abfm; cached, as the query is as slow as checking a row."""
     return version("abfm")
 
 
@@ -241,7 +244,7 @@ def _checksum_of(path: str) -> str:
 
 @lru_cache(maxsize=100_000)
 def _checksum(path: str, size: int, changed: int) -> str:
-    """Return the checksum of a file; size and time of its change are keys of the cache."""
+    """Return the checksum of a file; a new size or time of change invalidates the cached one."""
     found = hashlib.sha256()
     with open_regular(path) as file:
         while block := file.read(_BLOCK_BYTES):
@@ -250,7 +253,10 @@ def _checksum(path: str, size: int, changed: int) -> str:
 
 
 def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
-    """Return the file names that ``apply`` passes to its argument, and their companion files."""
+    """Return the file names that ``apply`` would rename, and their companion files.
+
+    ``apply`` is called with a function that notes each file name and returns it unchanged.
+    """
     found = dict[str, None]()
 
     def note(path: str) -> str:

@@ -77,7 +77,7 @@ def run(
 class Workers:
     """Context manager of workers that are shared by several runs.
 
-    The processes, or the connection to a cluster, start when there is first a row to solve. They
+    The processes, or the connection to a cluster, start when the first row has to be solved. They
     persist until `close`.
 
     Parameters
@@ -161,7 +161,7 @@ class Workers:
     def _answers(
         self, items: deque[WorkItem], control: Control, submitted_max: int = CALLS_SUBMITTED_MAX
     ) -> Generator[tuple[WorkItem, Answer], None, None]:
-        """Yield each item with its answer as soon as it is available, until cancelled."""
+        """Yield each item with its answer, in the order in which they finish, until cancelled."""
         unfinished = len(items)
 
         def is_wanted() -> bool:
@@ -195,7 +195,10 @@ class Workers:
     def _executor(
         self, control: Control
     ) -> tuple[Executor, AbstractContextManager[Callable[[], bool]]]:
-        """Return an executor and a context manager that yields a function `is_alive`."""
+        """Return an executor and a context manager.
+
+        The context manager yields a function that returns whether the workers are reachable.
+        """
         if self.cluster.is_local:
             if self._processes is None:
                 self._processes = Processes(self.cluster.processes)
@@ -221,7 +224,10 @@ def _answer_or_retry(item: WorkItem, future: Future[Answer]) -> Answer | WorkIte
 
 
 def with_contents(item: WorkItem) -> WorkItem:
-    """Return an item with the contents of those of its files that this process can read."""
+    """Return an item with the contents of its files, for a worker without access to them.
+
+    Files that this process cannot read are omitted.
+    """
     contents = {}
     for path in item.row.files():
         try:

@@ -45,7 +45,7 @@ def read_table(path: str | os.PathLike[str]) -> list[Row]:
 def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> Read:
     """Call `read` with the text of a table and the folder of its relative paths; return the result.
 
-    A ParameterError of `read` gets the name of the table.
+    The name of the table is added to the message of a ParameterError in `read`.
     """
     name = one_line(path)
     try:
@@ -104,7 +104,7 @@ def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Return the names of the columns, which may be written as in Python or as options."""
+    """Return the columns as names of options; ``max_distortion`` and ``--bound`` are allowed."""
     known = known_columns()
     found: list[str] = []
     for number, cell in enumerate(cells, 1):
@@ -149,7 +149,7 @@ def combinations(
 ) -> list[Row]:
     """Return a row for each combination of values of options; the last option varies fastest.
 
-    The values of the options are the name of a row.
+    The name of a row lists these values, as in ``alpha 0.1, sigma 0.05``.
 
     Parameters
     ----------
@@ -157,6 +157,8 @@ def combinations(
         Options that all rows share.
     over : mapping
         Values of each option that varies.
+    folder : path, optional
+        Folder of relative paths; by default the current folder.
 
     Raises
     ------

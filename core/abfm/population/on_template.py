@@ -24,21 +24,21 @@ from abfm.registration.correspondence import Correspondence
 from abfm.types import FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
-"""Function that moves points of the template backwards along the flow of the mean field."""
+"""Function that moves points of the template along the flow of the mean field."""
 # bounds of reported area ratios
 _AREA_RATIO_MIN = 2.0**-20
 _AREA_RATIO_MAX = 2.0**20
 
 
 class TemplateValues(NamedTuple):
-    """Known values of a subject on the template, by one map."""
+    """Values of a subject at V points of the template, transferred by a map."""
 
     values: FloatArray  # (V, C), NaN where unknown
-    mask: FloatArray  # (V,)
+    mask: FloatArray  # (V,), nonnegative weights
 
 
 class SubjectData(NamedTuple):
-    """Surface of a subject, values (V_A, C), NaN if unknown, and mask (V_A,)."""
+    """Data of a subject on its mesh: values (V_A, C), NaN if unknown, and mask (V_A,)."""
 
     mesh: TriangleMesh
     values: FloatArray
@@ -46,9 +46,9 @@ class SubjectData(NamedTuple):
 
     @classmethod
     def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> SubjectData:
-        """Evaluate functions from texts; an empty text is an unknown function.
+        """Evaluate the functions of a subject, given as texts; an empty text is an unknown one.
 
-        Vertices where a function is NaN or the mask is 0 have weight 0. Their values are filled
+        The mask is 0 where a function is NaN or the given mask is 0. The values there are filled
         from neighbouring vertices.
         """
         known_texts = [text for text in texts if text]
@@ -64,8 +64,9 @@ class MapFacts(NamedTuple):
     """Measures of the map of a subject; NaN if unknown."""
 
     folded: float = math.nan  # fraction of the faces, 0 to 1, folded by the flow
-    residual: float = math.nan  # residual of the registration, the larger one of both checks
-    # root mean square of the field without the mean field, in sqrt(area)
+    # residual of the registration, the larger one of discrete and flow-line residual
+    residual: float = math.nan
+    # root mean square of the displacement minus the mean field, in sqrt(area)
     displacement: float = math.nan
     landmarks: float = math.nan  # mean error of landmarks, in sqrt(area)
 
@@ -73,10 +74,10 @@ class MapFacts(NamedTuple):
 def map_facts(
     found: Registration, points: PointMap, drift: FloatArray
 ) -> tuple[FloatArray, MapFacts]:
-    """Return log2 J of the template's faces, (F,), and the measures of a map.
+    """Return log2 J (change of area) of the template's faces, (F,), and the measures of a map.
 
-    ``points`` are those on the subject at the template's vertices. ``drift`` (F, 3) is the mean
-    field that was subtracted from the field of the registration.
+    ``found`` is the registration of the subject. ``points`` is the map from the template to the
+    subject. ``drift`` (F, 3) is the mean field that was subtracted from the registration's field.
     """
     template = points.domain
     ratios = Correspondence(points).distortion().area
@@ -107,7 +108,7 @@ def maps(
 
 
 def values_at(points: SurfacePoints, subject: SubjectData) -> TemplateValues:
-    """Return the values and the mask of a subject at points (P,) on it."""
+    """Return the values and the mask of a subject at P points of its surface."""
     values = np.full((len(points.faces), subject.values.shape[1]), np.nan)
     for c, each in enumerate(subject.values.T):
         if np.isfinite(each).any():
@@ -124,18 +125,21 @@ def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:
 
 
 def checked_mask(mesh: TriangleMesh, text: str | None, name: str) -> FloatArray:
-    """Evaluate a mask (V,), 1 by default; raise a ParameterError if it is invalid."""
+    """Evaluate the mask (V,) in a text, 1 without a text; ParameterError if it is invalid.
+
+    The message calls it the mask of ``name``.
+    """
     found = mask_from_input(mesh, text or None, f"the mask of {name}")
     return np.ones(len(mesh.vertices)) if found is None else found
 
 
 def displacement(found: Registration) -> FloatArray:
-    """Return the displacement of a registration's flow, (F, 3): tau times its mean field."""
+    """Return the displacement by a registration, (F, 3): tau times the field's mean over time."""
     return np.asarray(found.match.parameters.tau * found.match.velocity.mean(axis=0))
 
 
 def displacement_in(path: Path) -> FloatArray:
-    """Read the `displacement` from the file of a registration, and nothing else."""
+    """Return the `displacement` by the registration in a file, without loading the rest of it."""
     with results.open_archive(path, results.REGISTRATION.name, results.REMEDY) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])

@@ -73,11 +73,11 @@ class ComparisonData(NamedTuple):
     channel_weights: Sequence[float]
 
     def known_areas(self, subject: int) -> FloatArray:
-        """Return the areas (V,) of the vertices where a subject is known, else 0."""
+        """Return the areas of the vertices, (V,), set to 0 where a subject is unknown."""
         return np.where(self.masks[subject] > 0, self.areas, 0)
 
     def others(self, fits: BoolArray) -> list[LeaveOneOut]:
-        """Return the sums over included subjects, for each channel."""
+        """Return the sums over the included subjects, ``fits`` (N,), for each channel."""
         shares = Shares(self.weights * fits, self.masks)
         return [LeaveOneOut.of(each, shares) for each in self.values]
 
@@ -88,23 +88,25 @@ def find_outliers(
     failures: Sequence[str] | None = None,
     stays_excluded: BoolArray | None = None,
 ) -> OutlierAnalysis:
-    """Find outliers; compare each subject with the mean of the other included subjects.
+    """Find outliers among N subjects, by comparison with the mean of the other included ones.
 
     A robust z-score uses the median and MAD over all subjects. A subject is an outlier if the
-    z-score of a measure exceeds 3.5 and the measure also differs considerably:
+    z-score of one of these measures exceeds 3.5 and the measure also differs considerably:
 
     - the explained variance of the subject is less than half of the median;
     - the distance of the subject to the mean is more than twice the median;
     - the distortion of its map is more than twice the median, and the mean ``|log2 J|`` is above
       0.5.
 
-    A subject is also excluded if its map folds a tenth of its faces, or its functions are constant.
+    A subject is also excluded if its map folds more than a tenth of the faces, or if its functions
+    are constant. The comparison is repeated without the outliers until there are no new ones.
 
     Parameters
     ----------
     data : ComparisonData
+        Values and weights of the subjects on the template.
     maps : sequence of Similarity, optional
-        Distortion of the map of each subject.
+        Measures ``log2_area`` and ``folded`` of the map of each subject; by default unknown.
     failures : sequence of str, optional
         Reason why a subject must be excluded in any case; empty if there is none.
     stays_excluded : (N,) array of bool, optional
@@ -171,7 +173,7 @@ def _similarity(
 
 
 def _differences(found: Sequence[Similarity], compared: BoolArray) -> list[str]:
-    """Return for each of N subjects how it differs from the others; empty if it does not."""
+    """Return for each subject a text on its differences from the others, or an empty text."""
     differences = ["" for _ in found]
     for i, each in enumerate(found):
         if compared[i] and each.folded > FOLDED_SHARE_MAX:
@@ -220,7 +222,7 @@ def _median(values: FloatArray, compared: BoolArray) -> float:
 
 
 def _robust_z(values: FloatArray, compared: BoolArray) -> FloatArray:
-    """Return the robust z-scores of values (N,), from their median and MAD."""
+    """Return robust z-scores of values (N,), by the median and MAD of the compared subjects."""
     known = compared & np.isfinite(values)
     if not known.any():
         return np.full(len(values), np.nan)
@@ -230,7 +232,7 @@ def _robust_z(values: FloatArray, compared: BoolArray) -> FloatArray:
 
 
 def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject: int) -> str:
-    """Return a hint if the values of a subject seem to have another sign, unit or offset."""
+    """Return a hint if a subject's values seem to have another sign, unit or offset, else ''."""
     for each, rest in zip(data.values, others, strict=True):
         values, mean_of_others = each[subject], rest.without(subject)
         known = (data.known_areas(subject) > 0) & np.isfinite(values) & np.isfinite(mean_of_others)

@@ -89,8 +89,8 @@ class Population(Display):
     verdicts : tuple of str
         Kind of the verdict of each registration of the last round, see `abfm.Match.verdict`.
     digests : tuple of str
-        Names of the files of the registrations of the last round, ``<digest>.npz``; empty after a
-        failure.
+        Digest of each registration of the last round, which is stored in ``<digest>.npz``; empty if
+        it failed.
     before, values : (N, V, C) arrays
         Values of the subjects on the template, by their initial maps and after registration. NaN if
         a channel is unknown or a subject could not be registered.
@@ -99,18 +99,18 @@ class Population(Display):
     template_mask : (V,) array
         Weight of the vertices of the template.
     numbers : (N, 7) array
-        ``correlation``, ``distance``, ``log2_area``, ``folded``, ``residual``, ``displacement`` and
-        ``landmarks`` of each subject.
+        Measures of each subject. The columns are the properties ``correlation``, ``distance``,
+        ``log2_area``, ``folded``, ``residual``, ``displacement`` and ``landmarks``.
     phases : (C, 4) array
-        Fields of `phase_and_amplitude` of each channel.
+        Result of `phase_and_amplitude` for each channel: total, phase, amplitude and factor.
     log2_area_mean, log2_area_deviation : (F,) arrays
         Mean and standard deviation over included subjects of log2 J. J is the area of a face on the
         subject divided by its area on the template, with both surfaces scaled to unit area.
     drift : (F, 3) array
-        Mean field that was subtracted in the last round.
+        Mean field of the registrations of the last round, subtracted from each of their fields.
     changes : (R,) array
-        Change of the mean in each of R rounds: the L2 norm of the difference. It is divided by the
-        L2 norm of the mean minus its average over the surface.
+        Change of the mean in each of R rounds: the L2 norm of its difference from the previous
+        mean. It is divided by the L2 norm of the mean minus its average over the surface.
     bound : float
         Change of the mean, in the same measure, below which the rounds stop.
     """
@@ -175,12 +175,12 @@ class Population(Display):
 
     @property
     def displacement(self) -> FloatArray:
-        """Root mean square of each displacement minus the mean field, (N,), in sqrt(area)."""
+        """Root mean square of each subject's displacement minus the mean field, in sqrt(area)."""
         return self._number("displacement")
 
     @property
     def residual(self) -> FloatArray:
-        """Residual of each registration, the larger one of both checks, (N,)."""
+        """Residual of each registration, (N,): discrete or flow-line residual, the larger one."""
         return self._number("residual")
 
     @property
@@ -241,7 +241,7 @@ class Population(Display):
         return statistics.deviation(*self._registered(channel))
 
     def plain_mean(self, channel: str | int = 0) -> FloatArray:
-        """Return the mean of a channel by the initial maps, (V,)."""
+        """Return the mean of a channel over included subjects before registration, (V,)."""
         return statistics.mean(*self._initial(channel))
 
     def mean_of_others(self, subject: int, channel: str | int = 0) -> FloatArray:
@@ -251,8 +251,8 @@ class Population(Display):
     def scores(self, channel: str | int = 0) -> FloatArray:
         """Return the correlation of each subject with the mean of other included subjects, (N, 2).
 
-        The columns are before and after registration. For a held-out channel the difference
-        measures the benefit of registration.
+        Column 0 is before registration (by the initial maps), column 1 is after it. For a held-out
+        channel their difference measures the benefit of registration.
         """
         found = []
         for (values, shares), masks in (
@@ -271,9 +271,9 @@ class Population(Display):
         return np.array(found).T
 
     def phase_and_amplitude(self, channel: str | int = 0) -> Phase:
-        """Split the variance over included subjects into phase (position) and amplitude (value).
+        """Split the variance of a channel over subjects: phase (position) and amplitude (value).
 
-        The split is computed at the midpoints of edges, see
+        Only included subjects count. The split is computed at the midpoints of edges, see
         ``abfm.population.statistics.phase_and_amplitude``.
         """
         return Phase(*self.phases[self._channel(channel)].tolist())
@@ -292,7 +292,7 @@ class Population(Display):
         return self.names.index(name)
 
     def worst_first(self) -> list[int]:
-        """Return the indices of subjects: excluded ones, then by increasing correlation."""
+        """Return the indices of subjects, excluded ones first, then by ascending correlation."""
         correlation = np.nan_to_num(self.correlation, nan=-2)
         return [int(i) for i in np.lexsort((np.array(self.names), correlation, self.fits))]
 

@@ -102,24 +102,24 @@ def _mean(values: Any) -> float | None:
 
 
 def export_mean_vtu(path: Path, found: Population) -> None:
-    """Write the template with means and deviations of all channels and of log2 J."""
+    """Write the template with means and standard deviations of all channels and of log2 J."""
     export_vtu(path, found.template, *_arrays(found))
 
 
 def export_mean_values(path: Path, found: Population) -> None:
-    """Write means and deviations at the vertices of the template's file."""
+    """Write means and standard deviations of channels at the vertices of the template's file."""
     on_vertices, _ = _arrays(found)
     values = found.template.on_file(np.stack(list(on_vertices.values()), axis=1))
     write_values(path, values, found.template.structure, list(on_vertices))
 
 
 def export_subjects(path: Path, found: Population) -> None:
-    """Write the table of subjects, worst first."""
+    """Write a CSV table of the subjects, excluded ones first."""
     write_csv(path, _table(details(found)))
 
 
 def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return values at vertices, (V,), and at faces, (F,), by their names in files."""
+    """Return the exported arrays by name: those at vertices, (V,), and those at faces, (F,)."""
     on_vertices: dict[str, Any] = {}
     for c, channel in enumerate(found.channels):
         name = re.sub(r"[^A-Za-z0-9_.-]", "_", channel.name)

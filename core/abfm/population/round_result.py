@@ -17,16 +17,16 @@ from abfm.types import FloatArray
 
 
 class RoundResult(NamedTuple):
-    """Result of a round."""
+    """Result of a round of registrations: outliers, and values of N subjects on the template."""
 
     outliers: OutlierAnalysis
-    before: FloatArray  # (N, V, C)
+    before: FloatArray  # (N, V, C), values by the initial maps
     masks_before: FloatArray  # (N, V)
-    after: FloatArray
-    masks: FloatArray
-    log2_areas: FloatArray  # (N, F)
-    drift: FloatArray
-    drift_file: str
+    after: FloatArray  # (N, V, C), values after registration
+    masks: FloatArray  # (N, V)
+    log2_areas: FloatArray  # (N, F), log2 J of faces
+    drift: FloatArray  # (F, 3), mean field
+    drift_file: str  # path of the file with the mean field
     verdicts: tuple[str, ...]
     digests: tuple[str, ...]
     facts: tuple[MapFacts, ...]
@@ -52,7 +52,7 @@ class ArrayStack:
             self._file.write(np.ascontiguousarray(array, dtype=np.float64).data)
 
     def array(self) -> FloatArray:
-        """Return all arrays as one read-only array, (N, ...); no more can be appended."""
+        """Return all arrays as one read-only array, (N, ...); `add` cannot be called again."""
         with writing_in(self._folder):
             self._file.flush()
         found = np.memmap(self._file, np.float64, "r", shape=self._shape)

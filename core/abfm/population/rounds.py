@@ -6,8 +6,8 @@ the next round.
 The mean is unbiased to first order. The fields of the registrations are stationary velocities, and
 their mean measures the offset of the target from the centre of all subjects. To prevent a drift of
 the template, the flow of the negative mean field is applied to all maps. The mean field of the next
-round is about 0. Guimond, Meunier and Thirion (CVIU 2000) do this with displacements. The method is
-of first order, because the mean of fields is not the field of a mean flow.
+round is then about 0. Guimond, Meunier and Thirion (CVIU 2000) do this with displacements. The
+method is of first order, because the mean of fields is not the field of a mean flow.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ def register_population(
     folder : path
         Folder of results, created if it does not exist.
     settings : Settings, optional
+        Settings of the registrations and of the stopping criterion.
     cluster : Cluster, optional
         Workers that solve the rows; by default the cores of this machine.
     on_change : callable

@@ -53,7 +53,7 @@ _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions
 
 
 class PopulationSolver:
-    """Computations of all rounds and their shared data, which the thread's ``Control`` can stop."""
+    """Computations of all rounds and their shared data; the thread's `Control` can cancel them."""
 
     def __init__(
         self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, workers: Workers
@@ -90,7 +90,7 @@ class PopulationSolver:
         return load_mesh(path, **mesh_options(self.mesh_values).changed)
 
     def _template_file(self, template: MeshLike) -> str:
-        """Return the path of a template; write a template that is not a file.
+        """Return the path of the template's mesh file; write one if the template is not a file.
 
         The written file has all vertices of the input, so that functions and vertex numbers fit.
         """
@@ -114,10 +114,10 @@ class PopulationSolver:
 
     @cached_property
     def goal(self) -> float:
-        """Goal of the registrations, unless it is given or the functions count as measured.
+        """Residual at which registrations may stop, for options without ``goal``.
 
-        Functions on coarse meshes do not count as measured. The goal is at least the noise of the
-        first subjects.
+        It is at least the noise of the functions of the first three subjects. It has no effect if
+        the functions count as measured. Functions on coarse meshes do not count as measured.
         """
         levels = []
         for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
@@ -135,7 +135,7 @@ class PopulationSolver:
     def first_target(self) -> Target:
         """Return the functions of the template, or of the subject most similar to the plain mean.
 
-        The plain mean itself is blurred, and registrations to it would be too.
+        The plain mean itself (before registration) is not the target, because it is blurred.
         """
         given = self.settings.functions
         channels = self.cohort.registered_channels
@@ -196,7 +196,7 @@ class PopulationSolver:
         return TransferredSubject(nothing, nothing, np.full(len(self.template.faces), np.nan))
 
     def rows(self, target: Target, number: int) -> list[Row]:
-        """Write a target, and return a row for each subject."""
+        """Write the target of round ``number`` to files; return a batch row for each subject."""
         targets = [
             self._write_function(f"round-{number}-{c}", values)
             for c, values in enumerate(target.functions, 1)
@@ -209,7 +209,10 @@ class PopulationSolver:
     def register_all(
         self, target: Target, number: int, on_change: Callable[[LedgerEntry], object]
     ) -> list[LedgerEntry]:
-        """Register all subjects to a target; return the ledger entries, also to ``on_change``."""
+        """Register all subjects to the target of round ``number``; return their ledger entries.
+
+        ``on_change`` is called with each new entry.
+        """
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # read by `abfm batch --status`
@@ -263,7 +266,7 @@ class PopulationSolver:
     def _registered_transfer(
         self, subject: Subject, entry: LedgerEntry, drift: str, at_edges: bool = False
     ) -> SubjectTransfer:
-        """Return the transfer of a subject by its registration and the flow of a mean field."""
+        """Return the transfer of a subject by its registration and the mean field in a file."""
         return replace(
             self._initial_transfer(subject),
             initial="",
@@ -275,10 +278,11 @@ class PopulationSolver:
     def round(
         self, entries: Sequence[LedgerEntry], before: Sequence[BoolArray], number: int
     ) -> RoundResult:
-        """Transfer all subjects by their maps minus the mean field, and find outliers.
+        """Transfer all subjects to the template, corrected by the mean field, and find outliers.
 
-        The mean field is that of the subjects included at the end of the previous round, if there
-        is one. The transfer is repeated if the included subjects change.
+        ``entries`` are the registrations of round ``number``. ``before`` has the included subjects
+        of each previous round, (N,). The mean field is that of the subjects included last, and of
+        all subjects in round 1. The transfer is repeated if the included subjects change.
         """
         failures = [
             "" if entry.path else f"its registration failed: {entry.reason or 'there is no result'}"
@@ -381,7 +385,7 @@ class PopulationSolver:
         return Shares(self.weights * found.outliers.fits, masks)
 
     def target(self, found: RoundResult) -> Target:
-        """Return the mean of the included subjects."""
+        """Return the mean of the included subjects, as the target of the next round."""
         shares = self.shares(found, found.masks)
         channels = self.cohort.registered_channels
         others = [LeaveOneOut.of(found.after[:, :, c], shares) for c in channels]
@@ -400,10 +404,10 @@ class PopulationSolver:
         return np.array(channel_means)
 
     def phases(self, entries: Sequence[LedgerEntry], found: RoundResult) -> FloatArray:
-        """Return the parts of the variance of each channel, (C, 4), at midpoints of edges.
+        """Split the variance of each channel, (C, 4), see `statistics.phase_and_amplitude`.
 
-        At the midpoints, values are means of two vertices before registration, and of two or three
-        after it. Noise is therefore smoothed in the same way.
+        The split is computed at the midpoints of edges. There, values are means of two vertices
+        before registration, and of two or three after it. Both smooth noise in a similar way.
         """
         ends = self.template.edges
         areas = edge_areas(self.template) * self.mask[ends].mean(axis=1)
@@ -428,7 +432,10 @@ class PopulationSolver:
     def population(
         self, found: RoundResult, changes: Sequence[float], phases: FloatArray, order: IntArray
     ) -> Population:
-        """Return the result of a round, with the subjects in another order."""
+        """Return the population after the last round, with the subjects in the table's order.
+
+        ``order`` (N,) are the indices of the table's subjects in the cohort, sorted by name.
+        """
         cohort, outliers = self.cohort, found.outliers
         channel_weights = np.zeros(len(cohort.channels))
         channel_weights[cohort.registered_channels] = self.channel_weights
@@ -475,11 +482,14 @@ class PopulationSolver:
         )
 
     def _write_function(self, name: str, values: FloatArray) -> str:
-        """Write values (V,), and return the text of the function in this file."""
+        """Write values (V,) to a file; return the function specification that reads them."""
         return f"file:{quoted(self._write_array(name, values))}"
 
     def _write_array(self, name: str, values: FloatArray) -> str:
-        """Write an array to a file named by a hash, as runs share the folder; return its path."""
+        """Write an array to a file with a hash of the values in its name, and return the path.
+
+        The hash distinguishes the files of several runs in the same folder.
+        """
         content = hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
         path = self._targets_folder() / f"{name}-{content[:16]}.npy"
         with write_atomically(path) as temporary:
@@ -487,7 +497,7 @@ class PopulationSolver:
         return os.fspath(path)
 
     def _targets_folder(self) -> Path:
-        """Return the folder of files that registrations read; create it if necessary."""
+        """Return the folder of target functions and mean fields; create it if necessary."""
         folder = self.folder / _TARGETS
         with writing_in(self.folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -497,7 +507,7 @@ class PopulationSolver:
 def _add(
     sums: Sequence[Moments], transferred: TemplateValues, weight: float, channel_means: FloatArray
 ) -> None:
-    """Add the values of a subject to the sums of each channel, minus the means (C,)."""
+    """Add a subject's values, minus the channel means (C,), to the moments of each channel."""
     for moments, values, channel_mean in zip(
         sums, transferred.values.T, channel_means, strict=True
     ):

@@ -23,7 +23,7 @@ _VARIANCE_ROUNDING = 1e-14  # a smaller variance, relative to the mean square, i
 
 
 class Phase(NamedTuple):
-    """Variance over subjects per area, ``total = phase + amplitude``; NaN if unknown."""
+    """Parts of the variance over subjects, per area; ``total = phase + amplitude``, or NaN."""
 
     total: float
     phase: float
@@ -55,7 +55,10 @@ def deviation(values: Subjects, shares: Subjects) -> FloatArray:
 
 
 class Shares(Sequence[FloatArray]):
-    """Weight times mask of each subject at each vertex; 0 where a given value is not finite."""
+    """Sequence of the share of each subject, (V,): its weight times its mask.
+
+    With ``values``, the share is 0 where the value of the subject is not finite.
+    """
 
     def __init__(
         self, weights: FloatArray, masks: Subjects, values: Subjects | None = None
@@ -77,8 +80,8 @@ class LeaveOneOut(NamedTuple):
 
     values: Subjects
     shares: Subjects
-    sums: FloatArray  # (V,)
-    total: FloatArray
+    sums: FloatArray  # (V,), sum of shares times values
+    total: FloatArray  # (V,), sum of shares
     number: IntArray  # subjects with a share at each vertex
 
     @classmethod
@@ -103,7 +106,10 @@ class LeaveOneOut(NamedTuple):
 
 
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
-    """Return the correlation of known values (V,) on positive areas; NaN for constants."""
+    """Return the area-weighted correlation of two functions (V,); NaN if one is constant.
+
+    Only vertices with positive areas (V,) and known values of both functions are used.
+    """
     known = _known(f, g, areas)
     if not known.any():
         return math.nan
@@ -134,15 +140,15 @@ def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
 
 @dataclass
 class Moments:
-    """Sums over subjects at P points; subjects are added one at a time."""
+    """Sums of shares, values and squared values over subjects, at P points."""
 
     shares: FloatArray  # (P,)
-    first: FloatArray
-    second: FloatArray
+    first: FloatArray  # (P,), sum of shares times values
+    second: FloatArray  # (P,), sum of shares times squared values
 
     @classmethod
     def at(cls, count: int) -> Moments:
-        """Return sums over no subject at `count` points."""
+        """Return the sums before a subject is added: 0 at ``count`` points."""
         return cls(*(np.zeros(count) for _ in range(3)))
 
     def add(self, values: FloatArray, shares: FloatArray) -> None:
@@ -153,7 +159,10 @@ class Moments:
         self.second += shares * counted**2
 
     def integrals(self, weights: FloatArray) -> tuple[float, float]:
-        """Return the integral of the mean of the squares, and of the square of the mean."""
+        """Return the integrals of the mean square and of the squared mean over subjects.
+
+        ``weights`` (P,) are the areas of the points.
+        """
         divisor = np.where(self.shares > 0, self.shares, 1)
         means, squares = self.first / divisor, self.second / divisor
         return float(weights @ squares), float(weights @ means**2)

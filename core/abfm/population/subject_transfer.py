@@ -52,8 +52,8 @@ class TransferredSubject(NamedTuple):
 class SubjectTransfer:
     """Computation that transfers a subject to the template.
 
-    Without a registration it uses an initial map that needs no functions. With a registration it
-    also follows the flow of the mean field.
+    Without a registration, it uses an initial map that needs no functions. With a registration, it
+    uses the registered map, corrected by the flow of the mean field.
     """
 
     subject: Subject
@@ -99,7 +99,7 @@ class SubjectTransfer:
         )
 
     def _first_points(self, surface: TriangleMesh, template: TriangleMesh) -> SurfacePoints:
-        """Return the points of a subject at the template's vertices, by an initial map.
+        """Return the points on a subject to which an initial map takes the template's vertices.
 
         The map must not need functions, since those of the template are not known yet.
         """

@@ -32,7 +32,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Subject:
-    """A subject as texts: a surface, and functions on it.
+    """A subject, described by texts: file names and function specifications.
 
     Attributes
     ----------
@@ -121,8 +121,14 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
     The first line has the names of the columns. Separators are commas, semicolons or tabs, as in
     the first line. Cells that contain a comma need double quotes. Empty lines are skipped.
 
-    The columns are ``name`` and, optionally, ``surface`` (a mesh file; the template if the cell is
-    empty), ``mask``, ``weight`` and ``landmarks`` (a file, see `abfm.registration.read_landmarks`).
+    Columns with these names describe the subjects:
+
+    - ``name``: name of the subject.
+    - ``surface``: mesh file; the template if the cell is empty.
+    - ``mask``: weights of the vertices, see `Subject`.
+    - ``weight``: weight in means.
+    - ``landmarks``: file of landmarks, see `abfm.registration.read_landmarks`.
+
     Any other column is a channel with this name. The prefix ``held-out:`` marks a held-out channel.
     The cells of channels and masks are files of values or function specifications.
 
@@ -135,9 +141,9 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
 
 
 def function_text(given: str, folder: str | os.PathLike[str]) -> str:
-    """Return the specification of a function from a file name or a specification.
+    """Return the function specification of a text: the name of a values file or a specification.
 
-    Names of files in the returned specification are absolute.
+    File names in the text are relative to ``folder``; those in the result are absolute.
 
     Raises
     ------
@@ -167,7 +173,7 @@ def _cohort(text: str, folder: str) -> Cohort:
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Return the names of the columns, those of subjects in lower case."""
+    """Check the names of the columns; return them, those other than channels in lower case."""
     found = []
     for number, cell in enumerate(cells, 1):
         if not cell:

@@ -16,7 +16,7 @@ from abfm.types import FloatArray
 
 
 class Target(NamedTuple):
-    """Functions on the template that subjects are registered to, with a mask."""
+    """Functions on the template to which subjects are registered, with a mask."""
 
     functions: FloatArray  # (C, V), functions of the channels used for registration
     mask: FloatArray  # (V,)
@@ -30,9 +30,10 @@ class Target(NamedTuple):
         return cls(extend_all(mesh, functions, known), np.where(known, mask, 0))
 
     def distance(self, before: Target, areas: FloatArray, weights: Sequence[float]) -> float:
-        """Return the L2 distance to another target, over the L2 norm of this one minus its mean.
+        """Return the relative L2 distance to the target ``before``.
 
-        The result is the root mean square over channels with weights (C,).
+        For each channel it is divided by the L2 norm of this target minus its mean. The result is
+        the root mean square over channels with ``weights`` (C,). Only areas in both masks count.
         """
         common_areas = np.where((self.mask > 0) & (before.mask > 0), areas, 0)
         pairs = zip(before.functions, self.functions, strict=True)

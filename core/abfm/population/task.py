@@ -64,7 +64,7 @@ def _rounds(text: str) -> int:
 
 
 def _preview(path: Path) -> Preview:
-    """Return a preview of the mean and standard deviation of the first channel."""
+    """Read a population, and return a preview of mean and standard deviation of channel 0."""
     found = load_population(path)
     return Preview(found.template, [found.mean(), found.deviation()])
 
@@ -175,7 +175,7 @@ class PopulationTask(Task):
         return cls(read_subjects(values["table"]), values["template"], settings, given.key)
 
     def solve(self, monitor: Monitor) -> Population:
-        """Return the population; a `CancelledError` stops it early and preserves finished rows."""
+        """Return the population; if cancelled, raise CancelledError and preserve finished rows."""
         if monitor.checkpoint is None:
             raise ResultError(
                 "a population needs a folder for its registrations; set the checkpoint "

@@ -31,10 +31,10 @@ _ROUNDING = 1e-9  # distance in sqrt(area) below which positions are equal
 
 
 class Candidate(NamedTuple):
-    """A candidate for the initial map."""
+    """A candidate for the initial map: the method that found it, and its cost."""
 
     name: str  # name of the method, see `abfm.registration.initial.methods`
-    cost: float  # NaN if there was no other candidate to compare with
+    cost: float  # lower is better; NaN if it was not compared with another candidate
 
 
 class Correspondence(Display):
@@ -45,14 +45,14 @@ class Correspondence(Display):
     points : PointMap
         Map from B to A: the point of A for each vertex of B.
     back : PointMap, optional
-        Map from A to B. The default takes each vertex of A to the point of B whose image is closest
-        (`PointMap.inverse`).
+        Map from A to B. By default, each vertex of A is mapped to the point of B whose image on A
+        is closest to it (`PointMap.inverse`).
 
     Attributes
     ----------
     candidates : tuple of Candidate
-        Candidates of an initial map that was searched: the chosen one first, then the others in the
-        order of their costs.
+        Candidates that were compared if this is an initial map: the chosen one first, then the
+        others by ascending cost.
 
     Examples
     --------
@@ -80,10 +80,10 @@ class Correspondence(Display):
     def through_sphere(
         cls, a: TriangleMesh, b: TriangleMesh, sphere_a: ArrayLike, sphere_b: ArrayLike
     ) -> Correspondence:
-        """Return the correspondence of points in the same direction on a common sphere.
+        """Return the correspondence of points that have the same direction on a common sphere.
 
-        The unit vectors ``sphere_a`` (V_A, 3) and ``sphere_b`` (V_B, 3) lay both surfaces out on
-        the sphere. The maps are exact inside faces, in both directions.
+        ``sphere_a`` (V_A, 3) and ``sphere_b`` (V_B, 3) are the directions of the vertices from the
+        centre of the sphere. Points inside faces are mapped exactly, in both directions.
         """
         return _ThroughSphere(SphereLayout(a, sphere_a), SphereLayout(b, sphere_b))
 
@@ -91,7 +91,7 @@ class Correspondence(Display):
     def of_same_faces(cls, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         """Return the correspondence of two meshes with the same faces.
 
-        Corresponding points have the same face and barycentric weights.
+        Corresponding points have the same face number and the same barycentric weights.
         """
         if not np.array_equal(a.faces, b.faces):
             raise AbfmError(
@@ -135,8 +135,8 @@ class Correspondence(Display):
     def transfer_labels(self, labels: ArrayLike, by: TransferMethod = "point") -> IntArray:
         """Transfer integer labels of A, (V_A,), to B, (V_B,).
 
-        Each vertex of B gets the label with the largest weight there, and the smallest label of
-        several with the same weight. Labels are never averaged.
+        Each vertex of B gets the label with the largest total weight in its row of `to_matrix`. If
+        several labels have this weight, it gets the smallest of them. Labels are never averaged.
         """
         given = self.a.restrict(_integers(self.a, labels))
         values, numbers = np.unique(given, return_inverse=True)
@@ -149,7 +149,11 @@ class Correspondence(Display):
         return np.asarray(values[np.asarray(shares.argmax(axis=1)).ravel()])
 
     def transfer_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
-        """Transfer points of A, or vertices (P,) given by their numbers, to B."""
+        """Transfer points of A to B.
+
+        Vertices of A can also be given by their indices in its mesh, (P,). AbfmError if the points
+        are on another surface.
+        """
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
         if len(given.mesh.faces) != len(self.a.faces):
             raise AbfmError(
@@ -159,14 +163,14 @@ class Correspondence(Display):
         return self.back.at(given)
 
     def inverse(self) -> Correspondence:
-        """Return the correspondence from B to A."""
+        """Return the correspondence with A and B exchanged."""
         return Correspondence(self.back, self.points)
 
     def on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-        """Return the same correspondence between other surfaces with the same faces.
+        """Return the same correspondence between surfaces ``a`` and ``b`` with the same faces.
 
-        The points keep their faces and barycentric weights. An example is a map between the spheres
-        of two cortices, which then applies to the cortices themselves.
+        Images stay in the same faces with the same barycentric weights. For example, a map between
+        the spheres of two cortices is converted to a map between the cortices themselves.
         """
         for name, mesh, expected in (("A", a, self.a), ("B", b, self.b)):
             if not np.array_equal(mesh.faces, expected.faces):
@@ -180,7 +184,7 @@ class Correspondence(Display):
         return self._on_surfaces(a, b).with_candidates(self.candidates)
 
     def with_candidates(self, candidates: tuple[Candidate, ...]) -> Correspondence:
-        """Return a copy with a list of candidates, of which this map is the first."""
+        """Return a copy with a list of candidates; the first one must be that of this map."""
         found = object.__new__(type(self))  # copy.copy would go through the arrays of files
         found.__dict__.update(self.__dict__)
         found.candidates = candidates
@@ -192,7 +196,7 @@ class Correspondence(Display):
         )
 
     def compose(self, other: Correspondence) -> Correspondence:
-        """Return the correspondence from A to C, given another one from B to C."""
+        """Return the correspondence of A and C, given ``other``, the correspondence of B and C."""
         return Correspondence(
             other.points.followed_by(self.points), self.back.followed_by(other.back)
         )
@@ -200,11 +204,12 @@ class Correspondence(Display):
     def to_matrix(self, by: TransferMethod = "point") -> sparse.csr_array:
         """Return the matrix (V_B, V_A) of `transfer`; each row sums to 1.
 
-        With ``by="point"`` a row has at most three entries. With ``by="area"`` each vertex of A
-        distributes its area over the vertices of B around it. This preserves the mean over A if the
-        rows are weighted by the areas that they received. Where B is finer than A, the distribution
-        is the interpolation at points, weighted in the same way. This is the adaptive barycentric
-        area resampling of Connectome Workbench.
+        With ``by="point"`` a row has at most three entries. With ``by="area"`` the area of each
+        vertex of A is distributed over the vertices of B around its image. The weights of a row are
+        the areas that a vertex of B received, divided by their sum. The mean over A is preserved if
+        each vertex of B is weighted by the area that it received. Where B is finer than A, areas
+        are distributed by the weights of ``by="point"``. This is the adaptive barycentric area
+        resampling of Connectome Workbench.
         """
         if by == "point":
             return self.points.to_matrix()
@@ -214,14 +219,14 @@ class Correspondence(Display):
         return sparse.csr_array(sparse.diags_array(1 / shares.sum(axis=1)) @ shares)
 
     def area_shares(self) -> sparse.csr_array:
-        """Return the area that each vertex of A gives to each vertex of B, (V_B, V_A).
+        """Return the matrix of the areas that vertices of A distribute to those of B, (V_B, V_A).
 
-        The columns of the matrix sum to the areas of A's vertices, except for vertices without any
-        vertex of B nearby.
+        Each column sums to the area of a vertex of A. The sum is 0 if no vertex of B is close to
+        the image of that vertex.
         """
         forward = _without_zeros(self.points.to_matrix())
         reverse = _without_zeros(sparse.csr_array(self.back.to_matrix().T))
-        # vertices of B to which the reverse map assigns every vertex of the interpolation
+        # vertices of B where the reverse map has all vertices of A that interpolate there
         common = forward.astype(bool).multiply(reverse.astype(bool))
         is_reverse = np.asarray(common.sum(axis=1)).ravel() == np.diff(forward.indptr)
         use_reverse = sparse.diags_array(is_reverse.astype(float))
@@ -239,9 +244,9 @@ class Correspondence(Display):
     def distortion(self) -> Distortion:
         """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
 
-        Surfaces A and B are scaled to unit area. A map such as one between left and right may
-        reverse the orientation of most faces. Then the faces whose orientation it preserves count
-        as flipped.
+        Surfaces A and B are scaled to unit area. Faces count as flipped if the map reverses their
+        orientation. If it reverses most of the area, as a map from left to right does, the faces
+        whose orientation it preserves count as flipped instead.
         """
         return self._distortion
 
@@ -257,10 +262,10 @@ class Correspondence(Display):
         return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
 
     def flipped_by_vertices(self) -> int:
-        """Return the number of faces of A that are flipped if only its vertices are moved to B.
+        """Return the number of faces of A that flip if its vertices are moved to their images on B.
 
-        Surface files such as a sphere.reg store a map in this way: faces stay flat between the
-        moved vertices.
+        The faces stay flat between the moved vertices. Surface files such as sphere.reg store a map
+        in this form.
         """
         flipped = int(flipped_triangles(self.b, self.back.positions[self.a.faces]).sum())
         return len(self.a.faces) - flipped if self.is_mirrored else flipped
@@ -269,7 +274,8 @@ class Correspondence(Display):
         """Return the share of A's area, 0 to 1, that the map from B covers.
 
         A face is covered if its centroid, mapped to B and back to A, returns within the length of
-        the face's longest edge. On larger meshes 20,000 evenly chosen faces are measured.
+        the face's longest edge. If A has more than 20,000 faces, 20,000 evenly chosen ones are
+        measured.
         """
         count = len(self.a.faces)
         sample = np.linspace(0, count - 1, min(count, _COVERAGE_FACES_MAX)).astype(np.int64)
@@ -281,7 +287,7 @@ class Correspondence(Display):
         return float(areas[is_covered].sum() / areas.sum())
 
     def round_trip(self) -> RoundTrip:
-        """Measure how far vertices of B are displaced by the map to A and back, in edges."""
+        """Measure the displacements of vertices of B by the map to A and back, in edge lengths."""
         return round_trip(self.points, self.back.at)
 
     def accuracy(self, truth: ArrayLike | None = None, count_max: int = 1000) -> MapAccuracy:
@@ -293,7 +299,7 @@ class Correspondence(Display):
         return map_accuracy(self.points, truth, count_max)
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file: B's mesh, A's mesh with the prefix ``a_``, and both maps."""
+        """Return the arrays that `save` writes: both meshes (prefix ``a_`` for A) and both maps."""
         meshes = results.mesh_arrays(self.b) | {
             f"a_{name}": array for name, array in results.mesh_arrays(self.a).items()
         }
@@ -321,7 +327,7 @@ class Correspondence(Display):
         results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the points, as files store them."""
+        """Pickle the surfaces and the arrays with which files store the maps."""
         return _between, (self.a, self.b, self._point_arrays())
 
     def __repr__(self) -> str:
@@ -329,7 +335,7 @@ class Correspondence(Display):
 
 
 class _ThroughSphere(Correspondence):
-    """A correspondence by layouts of both surfaces on one sphere, which files store."""
+    """A correspondence through a common sphere; files also store the directions on it."""
 
     def __init__(self, a: SphereLayout, b: SphereLayout) -> None:
         super().__init__(map_through_sphere(b, a), map_through_sphere(a, b))
@@ -348,7 +354,7 @@ class _ThroughSphere(Correspondence):
 
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:
-    """Return the correspondence of `Correspondence.arrays`, or raise AbfmError or ValueError."""
+    """Create a correspondence from `Correspondence.arrays`; AbfmError or ValueError if invalid."""
     return _between(results.mesh_of(arrays, "a_"), results.mesh_of(arrays), arrays)
 
 
@@ -397,7 +403,7 @@ def _same_positions(one: TriangleMesh, other: TriangleMesh) -> bool:
 
 
 def _between_surfaces(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
-    """Return the same map between other surfaces with the same faces."""
+    """Replace the surfaces of a map by ``domain`` and ``codomain``, which have the same faces."""
     original = points.interior_map
 
     def interior_map(given: SurfacePoints) -> SurfacePoints:

@@ -51,9 +51,9 @@ Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
 MEASURED_PARAMETERS = Parameters.of(order=1, alpha=0.03, divergence=1.5)
 """Parameters for measured functions on two surfaces, such as the cortices of two subjects.
 
-They were compared with the norm of second order on a human cortex and fsaverage5, at about the same
-change of shapes (mean log2 R 0.39 and 0.38). The correlation of held-out curvature is 0.614 instead
-of 0.571, and the Dice coefficient of labels is 0.905 instead of 0.892.
+A human cortex was registered to fsaverage5 with them, and with the norm of second order at about
+the same distortion of shapes (mean log2 R 0.39 and 0.38). With these parameters, the correlation of
+held-out curvature is 0.614 instead of 0.571. The Dice coefficient of labels is 0.905, not 0.892.
 """
 _OPPOSITE_CORRELATION = -0.3  # two functions with a smaller correlation have opposite signs
 _CONSTANT = 1e-9  # functions that vary less, relative to their largest value, are constant
@@ -61,16 +61,16 @@ _RANGE_SHARE_MAX = 0.25  # extrema that differ by a larger share of the range ha
 
 
 class PreparedRegistration(NamedTuple):
-    """The problem on B that `abfm.register` solves, with the source transferred from A."""
+    """The input of the solver of `abfm.register`: the initial map, and the problem on B."""
 
     initial: Correspondence
     problem: Problem
     notes: tuple[str, ...]
-    functions: FloatArray | None = None  # (V_A, C), functions of A in the units of the comparison
+    functions: FloatArray | None = None  # (V_A, C), functions of A, standardized as in the problem
     warnings: tuple[str, ...] = ()  # reasons why the initial map may be wrong
 
     def with_match(self, match: Match) -> Registration:
-        """Return the registration that a match of the problem determines."""
+        """Return the registration that consists of the initial map and a match of the problem."""
         return Registration(self.initial, match, self.notes, self.functions, self.warnings)
 
     def solve(
@@ -116,10 +116,11 @@ def register(
         function, see `abfm.function`. Values that are not finite, such as NaN behind a medial wall,
         are not compared, and a note reports their number.
 
-        Measured functions, and functions in different units, are standardized where both masks are
-        positive: means are subtracted and standard deviations are divided by. If two measured
-        functions correlate by less than -0.3 under the initial map, the sign of A's function is
-        changed, and a note reports this.
+        Functions with more than 20 peaks and pits count as measured. Measured functions, and
+        functions in different units, are standardized: their mean is subtracted, and the result is
+        divided by their standard deviation. Both are computed where both masks are positive. If two
+        measured functions correlate by less than -0.3 under the initial map, the sign of A's
+        function is changed, and a note reports this.
     initial : Correspondence, PointMap or str, optional
         Initial map or the name of a method, see ``abfm.registration.initial.methods``. By default
         the other arguments decide which methods are tried.
@@ -139,12 +140,12 @@ def register(
         Weight of the mismatch of each channel. If all weights are 0, only landmarks are matched.
         Masks and weights need functions.
     max_distortion : float, optional
-        Largest ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, of which none may be folded, see
-        `limit_distortion`.
+        Bound of the distortion: ``|log2 J|`` (change of area) and ``|log2 R|`` (change of shape)
+        are at most this for 99% of the faces. No face may be folded, see `limit_distortion`.
     circular : bool or float
         True if f and g are phases of period 2 pi, or the period of their values. A phase is
-        compared by its cosine and sine, which makes two channels with its weight. A text may also
-        be ``circular:...`` itself.
+        compared by its cosine and sine, two channels with the weight of the phase. A function in
+        text form can also be declared as a phase, by ``circular:...``.
 
     Raises
     ------
@@ -325,13 +326,16 @@ def _as_landmarks(
 
 
 def _landmarks_on_b(initial: Correspondence, pairs: Landmarks) -> dict[str, Any]:
-    """Return the landmarks of a problem on B; the initial map transfers their starts from A."""
+    """Return the arguments of `Problem` for landmarks that the initial map transfers from A."""
     starts_and_ends = initial.transfer_points(pairs.a), pairs.b
     return {"landmarks": starts_and_ends, "landmark_weights": pairs.weights}
 
 
 def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
-    """Return a note if values are not finite at vertices that the mask (V,) does not hide."""
+    """Return a list with one note if functions are unknown where the mask (V,) is positive.
+
+    Otherwise, the list is empty. ``known`` (V,) is False where a value is not finite.
+    """
     if mask is not None:
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))
@@ -350,10 +354,10 @@ def _standardized(
     mask: FloatArray | None,
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool, list[str]]:
-    """Standardize functions on B (C, V) that are measured or in different units.
+    """Standardize the channels on B, (C, V), that are measured or have two different units.
 
-    Return source and target, (C, V), and the functions of A in the units of the source, (C, V_A).
-    Also return whether a channel of positive weight is measured, and notes.
+    Return the source and the target, (C, V), and the functions of A, (C, V_A), scaled as the
+    source. Also return whether a channel of positive weight is measured, and a list of notes.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
@@ -390,7 +394,7 @@ def _standardized(
 
 
 def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:
-    """Return whether two functions, (n,) each, have similar minima and maxima."""
+    """Return whether two functions, (n,) each, seem to have one unit, by minima and maxima."""
     span = max(np.ptp(f), np.ptp(g))
     ends = abs(f.min() - g.min()), abs(f.max() - g.max())
     return bool(max(ends) <= _RANGE_SHARE_MAX * span)

@@ -39,7 +39,7 @@ class Registration(Correspondence):
     notes : tuple of str
         Notes on the computation of initial map and match, a line each.
     functions : (V_A, C) array, optional
-        Functions of A in the units of the comparison; None if they are known on B only.
+        Functions of A, standardized as in the match; None if they are known on B only.
     warnings : tuple of str
         Reasons why the initial map may be wrong, a line each. With such a warning the verdict is
         that the goal was not reached.
@@ -62,7 +62,7 @@ class Registration(Correspondence):
         self.functions, self.warnings = functions, warnings
 
     def with_match(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
-        """Return the registration with another match and additional notes."""
+        """Return a copy with another match, and with additional notes."""
         notes = (*self.notes, *notes)
         return Registration(self.initial, match, notes, self.functions, self.warnings)
 
@@ -78,21 +78,21 @@ class Registration(Correspondence):
 
     @property
     def flow(self) -> Flow:
-        """The flow on B."""
+        """Flow of the match, on B."""
         return self.match.flow
 
     @cached_property
     def residual(self) -> float:
-        """The residual of the complete map, measured as `Match.residual`.
+        """Residual of the functions by the complete map, which is the initial map and the flow.
 
-        The residual compares A's functions at the points of A that correspond to vertices of B with
-        B's functions. NaN if A's functions are not known.
+        At each vertex of B, the function of B is compared with that of A at the corresponding
+        point. The unit is that of `Match.residual`. NaN if A's functions are unknown.
         """
         return self._residual_by(self)
 
     @cached_property
     def initial_residual(self) -> float:
-        """The residual of the initial map alone."""
+        """Residual of the functions by the initial map alone; NaN if A's functions are unknown."""
         return self._residual_by(self.initial)
 
     def _residual_by(self, found: Correspondence) -> float:
@@ -110,7 +110,7 @@ class Registration(Correspondence):
         """The verdict of the registration.
 
         The result is the verdict of the match, with two exceptions. A warning about the initial map
-        makes it "not reached". A large residual of the complete map makes it worse.
+        makes it "not reached". It is worse if `residual`, that of the complete map, is too large.
         """
         verdict, match = self.match.verdict, self.match
         if not verdict.kind.is_good:
@@ -180,7 +180,10 @@ class Registration(Correspondence):
 
     @property
     def landmark_errors(self) -> FloatArray | None:
-        """Errors of the landmarks on B, (L,), in sqrt(area); None without landmarks."""
+        """Distances of the moved landmarks from their targets on B, (L,); None without landmarks.
+
+        The unit is sqrt(area).
+        """
         return self.match.landmark_errors
 
     @property
@@ -189,11 +192,11 @@ class Registration(Correspondence):
         return self.match.energy_history
 
     def at_step(self, step: int) -> Registration:
-        """Return the registration by another step of the continuation of its match."""
+        """Return the registration with the match at another step of the continuation in sigma."""
         return self.with_match(self.match.at_step(step))
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file: initial map, notes, A's functions, and the match."""
+        """Return the arrays that `save` writes: initial map, notes, A's functions, and match."""
         return results.all_arrays(self._parts())
 
     def _parts(self) -> results.Parts:
@@ -217,7 +220,7 @@ class Registration(Correspondence):
         )
 
     def save(self, path: File) -> None:
-        """Write a file (``.npz``, no pickles), which also is a result file of the match on B.
+        """Write a file (``.npz``, no pickles), which can also be loaded as the match on B.
 
         An interrupted call leaves no partial file. Raises ResultError if the file cannot be
         written.
@@ -234,8 +237,9 @@ class Registration(Correspondence):
 def load_registration(path: File) -> Registration:
     """Read a file written by `abfm.Registration.save`.
 
-    Raises ResultError if the file is missing, damaged, or contains no registration. Values that
-    disagree with the field are recomputed, with a warning in ``match.load_warning``.
+    Raises ResultError if the file is missing, damaged, or contains no registration. Stored
+    values that disagree with the stored field are recomputed, and ``match.load_warning`` reports
+    this.
     """
 
     def made(arrays: results.Arrays) -> Registration:

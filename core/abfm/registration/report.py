@@ -26,7 +26,10 @@ def lines(found: Registration) -> list[str]:
 
 
 def map_details(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
-    """Return the numbers of a map from B to A; a known distortion is not computed again."""
+    """Return distortion, coverage and round-trip errors of a map from B to A, as plain numbers.
+
+    The distortion is computed unless it is given.
+    """
     distortion, back = distortion or found.distortion(), found.round_trip()
     return {
         **distortion_details(distortion),

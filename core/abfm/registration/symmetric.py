@@ -51,10 +51,11 @@ Options and exit status are those of `abfm register`; the worse direction decide
 class SymmetricRegistration(Correspondence):
     """The mean of a registration of A to B and one of B to A.
 
-    If both maps take a vertex to different points, the mean is the point of the surface closest to
-    their midpoint in space. ``points`` and ``back`` are the maps from B to A, and from A to B.
-    ``asymmetry`` (V_B,) is the distance in space between the images of each vertex of B by both
-    maps, in sqrt(area) of A. ``facts`` are those of the direction with the worse outcome.
+    If both registrations map a vertex to different points, the mean map uses their midpoint in
+    space, projected to the closest point of the surface. ``points`` and ``back`` are the mean maps
+    from B to A, and from A to B. ``asymmetry`` (V_B,) is the distance in space between both images
+    of each vertex of B, in sqrt(area) of A. ``facts`` are those of the registration with the worse
+    outcome.
     """
 
     def __init__(
@@ -102,7 +103,7 @@ def _mean(first: PointMap, second: PointMap) -> PointMap:
 
 
 def load_symmetric(path: File) -> SymmetricRegistration:
-    """Read a file of `SymmetricRegistration.save`; ResultError if it is missing or damaged."""
+    """Read a file that `SymmetricRegistration.save` wrote; ResultError if missing or damaged."""
 
     def made(arrays: dict[str, Any]) -> SymmetricRegistration:
         found = correspondence_of(arrays)
@@ -126,7 +127,7 @@ def _facts_of_file(path: Path) -> Facts:
 
 
 def _preview(path: Path) -> Preview:
-    """Return a preview of the asymmetry on B."""
+    """Read a file, and return a preview of the asymmetry on B."""
     found = load_symmetric(path)
     return Preview(found.b, [found.asymmetry])
 
@@ -172,7 +173,7 @@ class SymmetricTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Check the values as `RegistrationTask` does, and that no initial map is a file."""
+        """Check the values as `RegistrationTask` does, and refuse an initial map from a file."""
         RegistrationTask.check(values)
         initial = values.get("initial", "")
         if initial.startswith("file:") or initial.count(","):

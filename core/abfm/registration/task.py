@@ -49,7 +49,7 @@ def _initial(text: str) -> str:
 
 
 def _renamed_initial(text: str, rename: Rename) -> str:
-    """Rename the files in ``file:MAP`` and ``sphere:mirror,A,B``."""
+    """Replace the file names in the text of an initial map, ``file:MAP`` or ``sphere:A,B``."""
     name, _, rest = text.partition(":")
     if name not in ("file", "sphere") or not rest:
         return text
@@ -84,12 +84,12 @@ ONE_BASED_INPUT = Input(
 
 
 def _export_numbers(path: Path, found: Registration) -> None:
-    """Write the vertex of A for each vertex of B."""
+    """Write a file with the number of the nearest vertex of A for each vertex of B."""
     write_values(path, vertex_numbers(found.points))
 
 
 def _export_surface(path: Path, found: Registration) -> None:
-    """Write A's faces with their vertices moved to B."""
+    """Write a surface file with the faces of A, each vertex moved to its image on B."""
     missing = found.a.file_vertex_count - len(found.a.vertices)
     if missing:
         raise ResultError(
@@ -170,7 +170,7 @@ class RegistrationTask(Task):
 
     a: TriangleMesh
     b: TriangleMesh
-    key: str  # name of the result, as the problem on B is known only after the initial map
+    key: str  # name of the result; a digest of the problem on B would need the initial map
     # other arguments of `abfm.registration.prepare`
     options: Mapping[str, Any] = field(default_factory=dict)
     # parameters that the user set; the defaults of the others depend on the functions
@@ -226,7 +226,7 @@ class RegistrationTask(Task):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Check the parameters; raise an error if both functions and landmarks are missing."""
+        """Check the parameters; ParameterError if neither functions nor landmarks are given."""
         Parameters.of(**parameters_in(values))
         if not channels(values)[0] and "landmarks" not in values:
             raise ParameterError(

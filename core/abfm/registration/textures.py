@@ -34,6 +34,7 @@ class Texture:
     Attributes
     ----------
     mesh : TriangleMesh
+        Surface with F faces.
     coordinates : (F, 3, 2) array
         Positions of the corners of each face in its image, to the right and up. The lower left
         corner of an image is (0, 0), its upper right corner (1, 1).
@@ -41,7 +42,7 @@ class Texture:
         Pixels from the top row down. All images have the same number C of channels, such as three
         or four.
     owners : (F,) array of int
-        Number of the image of each face; by default 0 for all.
+        Index of the image of each face; by default 0 for all.
     wraps : sequence of pairs of "repeat", "clamp", "mirror"
         Continuation of each image beyond its edges, horizontally and vertically; by default
         "repeat".
@@ -152,7 +153,7 @@ def transfer_texture(
 
 
 def _texels(atlas: TextureAtlas) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the rows and columns of texels that show faces, in chunks from the bottom up."""
+    """Yield rows and columns of the texels inside faces, in chunks from the bottom up."""
     chunk_rows = max(_CHUNK // atlas.size, 1)
     for start in range(0, atlas.size, chunk_rows):
         rows, columns = np.nonzero(atlas.texel_faces[start : start + chunk_rows] >= 0)

@@ -115,9 +115,9 @@ def parameter_inputs(
 ) -> tuple[Input, ...]:
     """Return one input for each parameter.
 
-    If the default of a parameter is chosen automatically, its input also accepts "auto".
-    ``defaults`` has the parameters, by default all, and their defaults; None if the solver chooses
-    the default. ``help`` has texts that replace the help of parameters.
+    ``defaults`` has the default of each parameter by name; without it, all parameters have their
+    usual defaults. None is a default that the solver chooses; such an input also accepts "auto".
+    ``help`` has texts by name that replace the usual help.
     """
     inputs = []
     for name, value in (defaults or Parameters().to_dict()).items():
@@ -142,7 +142,7 @@ def parameter_inputs(
 
 
 def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of `abfm.Parameters` among the values, by their names in Python."""
+    """Select the values of parameters of a match, and return them by name in `Parameters`."""
     names = {option(name): name for name in FIELDS}
     return {names[column]: value for column, value in values.items() if column in names}
 
@@ -155,7 +155,10 @@ def number_input(
     is_valid: Callable[[float], bool],
     **settings: Any,
 ) -> Input:
-    """Return the input of a finite ``is_valid`` number; messages describe it as ``expected``."""
+    """Return an input that accepts finite numbers for which ``is_valid`` returns True.
+
+    ``expected`` describes such a number in messages, for example "above 0".
+    """
     read = partial(read_number, expected=expected, is_valid=is_valid)
     return Input(name=name, help=help, read=read, metavar=metavar, **settings)
 
@@ -181,7 +184,10 @@ def _circular(text: str) -> bool | float:
 
 @lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the specification of a function in a text or file name, or raise FunctionError."""
+    """Return the function specification of a text, a specification or the name of a values file.
+
+    FunctionError if the text is neither.
+    """
     try:
         parse(text)
     except FunctionError:
@@ -192,7 +198,10 @@ def read_function(text: str) -> str:
 
 
 def _is_file_name(text: str, path: str) -> bool:
-    """Return whether a text that is not a specification names a file, which may be missing."""
+    """Return whether a text that is not a specification is the name of a file.
+
+    Either the file ``path`` exists, or the text has a suffix and no colon.
+    """
     without_drive = os.path.splitdrive(text)[1]
     return os.path.exists(path) or (bool(Path(text).suffix) and ":" not in without_drive)
 
@@ -216,7 +225,7 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
 
 
 def renamed_function(text: str, rename: Rename) -> str:
-    """Return the specification of a function, see `read_function`, with renamed files."""
+    """Return the specification of `read_function`, with file names replaced by ``rename``."""
     try:
         parse(text)
     except FunctionError:
@@ -227,7 +236,7 @@ def renamed_function(text: str, rename: Rename) -> str:
 
 
 def channel_words(text: str, metavar: str) -> list[str]:
-    """Return the words of a channel, one for each word of ``metavar``, or raise ParameterError."""
+    """Split the text of a channel into words, as many as in ``metavar``; else ParameterError."""
     try:
         words = _split(text)
     except ValueError:
@@ -240,7 +249,7 @@ def channel_words(text: str, metavar: str) -> list[str]:
 
 
 def _split(text: str) -> list[str]:
-    """Split a text as a shell does; on Windows a backslash separates folders."""
+    """Split a text into words as a shell does; on Windows, a backslash is not an escape sign."""
     words = shlex.shlex(text, posix=True, punctuation_chars=False)
     words.whitespace_split, words.commenters = True, ""
     if sys.platform == "win32":
@@ -335,9 +344,9 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
 
 
 def channels(values: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:
-    """Return sources, targets and weights, (C,) each.
+    """Return the sources, targets and weights of C channels, (C,) each, from the inputs' values.
 
-    ParameterError if only one of source and target is given.
+    A phase becomes two channels. ParameterError if source or target is given alone.
     """
     if ("source" in values) != ("target" in values):
         raise ParameterError("source and target must be given together")
@@ -359,7 +368,7 @@ MESH_INPUTS = tuple(
     )
     for entry in fields(MeshOptions)
 )
-"""Inputs of how the meshes of a task are loaded."""
+"""Inputs that control how the meshes of a task are loaded."""
 
 
 def mesh_options(values: Mapping[str, Any]) -> MeshOptions:

@@ -15,7 +15,7 @@ _MESHES_CACHED_MAX = 3
 
 
 def mesh_of(path: str, values: Mapping[str, Any]) -> TriangleMesh:
-    """Load a mesh with the mesh options among the values; the process caches the last few."""
+    """Load a mesh file with the mesh options in ``values``; the last three meshes are cached."""
     try:
         status = os.stat(path)
         fingerprint = status.st_size, status.st_mtime_ns

@@ -11,7 +11,7 @@ from abfm.workers.control import Control
 
 
 def ignore(*_: object) -> None:
-    """Do nothing."""
+    """Do nothing; the default of callbacks."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,10 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Read the surface of a file, and functions of its arrays; ResultError if it is damaged."""
+    """Return the surface of a result file, with the functions computed from the file's arrays.
+
+    ResultError if the file is damaged.
+    """
     arrays = results.load_arrays(path, file)
     try:
         mesh = results.mesh_of(arrays)
@@ -46,14 +49,14 @@ class Result(Protocol):
         """Write the file, completely or not at all."""
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write the valid parts of a result that `save` refuses, and return the missing parts."""
+        """Write the valid parts of a result that `save` refuses; return names of missing parts."""
 
 
 class Export(NamedTuple):
     """A format of data files for results."""
 
     write: Callable[[Path, Any], object]
-    """Write a result. A returned text reports what the file lacks."""
+    """Write a result to a path. The function may return a text on data missing in the file."""
     check: Callable[[Path], object] = lambda path: None
     """Raise an AbfmError if a path cannot be used; called before the task is solved."""
 
@@ -88,14 +91,17 @@ class Report(NamedTuple):
     """Return all reported values as plain numbers and texts; None if a value is unknown."""
     lines: Callable[[Any], list[str]]  # return the lines of the printed report
     advice: Callable[[Any, str], str] = _advice
-    """Return what to try next. The text is the path of the result; empty without a file."""
+    """Return advice on the next run. The second argument is the path of the result, or empty."""
 
 
 class TaskInputs(Protocol):
     """Protocol of the inputs of a task, read from a row of a table or from a command line."""
 
     def values(self) -> dict[str, Any]:
-        """Return values by name, repeated ones as lists; file names are absolute."""
+        """Return the parsed values by name, those of repeatable inputs in lists.
+
+        File names are absolute.
+        """
 
     @property
     def written(self) -> Mapping[str, Any]:
@@ -133,7 +139,7 @@ class Task(ABC):
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:
-        """Raise an AbfmError if values do not fit together; called before files are read."""
+        """Raise an AbfmError if the inputs are inconsistent; called before files are read."""
         return
 
     @classmethod
@@ -151,7 +157,7 @@ class Task(ABC):
         """Solve the task and return the result, or raise an AbfmError if its inputs are invalid."""
 
     def expected(self) -> Facts | None:
-        """Return the facts that the inputs alone determine; None if there are none."""
+        """Return facts known before solving, such as an impossible match; else None."""
         return None
 
     @property

@@ -78,9 +78,9 @@ def closest_after_alignment(
     kind: MotionKind = "similarity",
     landmarks: Landmarks | None = None,
 ) -> tuple[PointMap, Alignment]:
-    """Align B with A (see `align`) and return the map to the closest points, and the alignment.
+    """Align B with A, and return the map of B to the closest points of A, and the alignment.
 
-    The distances of the map are those between the aligned surfaces, in A's units.
+    The distances of the map are those after the alignment (see `align`), in A's units.
     """
     found = align(a, b, kind, landmarks)
     positions = found(b.vertices)
@@ -100,16 +100,16 @@ def align(
 
     The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
     reflection); ParameterError for any other. Three or more landmarks that do not lie on a line
-    determine the start. Otherwise several starts are tried. The first one has the surfaces in their
-    given positions. The others align their principal axes, and rotate by the symmetry groups of a
-    tetrahedron, a cube and an icosahedron.
+    determine the start. Otherwise several starts are tried. Each of them
+    aligns the centroids. The first one has no rotation. The others align the principal axes, and
+    rotate by the symmetry groups of a tetrahedron, a cube and an icosahedron.
 
     Each start is refined iteratively. An iteration finds the closest points of each surface on the
     other one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much
     as all pairs together. Points are spread by area, so the triangulation has no influence.
 
-    The result has the smallest RMS distance. The motion from the given positions is preferred if
-    its RMS distance is at most 10% larger.
+    The result has the smallest RMS distance. The motion from the first start is preferred if its
+    RMS distance is at most 10% larger, except for ``mirror``.
     """
     if kind not in KINDS:
         raise ParameterError(
@@ -130,7 +130,7 @@ def align(
             (_refined(many, start, _ITERATIONS_MAX) for start in motions),
             key=lambda found: found[1],
         )
-        # the given positions, or those by landmarks, are preferred unless another is clearly better
+        # the first start is preferred unless another one is clearly better
         first, score = _refined(many, starts[0], _ITERATIONS_MAX)
         if kind != "mirror" and score <= _DISTANCE_RATIO_MAX * least:
             motion = first
@@ -179,7 +179,7 @@ class _Surfaces(NamedTuple):
         )
 
     def thinned(self, by: int) -> _Surfaces:
-        """Return every ``by``-th point only."""
+        """Return the surfaces with only every ``by``-th point."""
         return self._replace(a=self.a[::by], b=self.b[::by])
 
     def distances(self, motion: Motion) -> Pairs:
@@ -203,7 +203,7 @@ class _Surfaces(NamedTuple):
         return float(np.sqrt(np.mean(np.concatenate(pairs[2:]) ** 2)))
 
     def score(self, motion: Motion, pairs: Pairs) -> float:
-        """Return the RMS distance of surfaces and landmarks, with equal weights for both."""
+        """Return the RMS distance after a motion; surfaces and landmarks have equal weights."""
         rotation, scale, shift = motion
         of_b, of_a, weights = self.landmarks
         off = scale * of_b @ rotation.T + shift - of_a
@@ -223,7 +223,7 @@ class _Surfaces(NamedTuple):
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
-    """Refine motions; return the ``count`` best ones, or a single one if its distance is 0."""
+    """Refine motions; return the ``count`` best ones, or a single one if its distance is about 0."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()
@@ -234,7 +234,7 @@ def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: in
 
 
 def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Motion, float]:
-    """Iterate closest points and best motions; return the best motion and its score."""
+    """Refine a motion by iterative closest points; return the best motion and its score."""
     pairs = surfaces.distances(motion)
     found, least = motion, surfaces.score(motion, pairs)
     for _ in range(iterations):
@@ -251,7 +251,7 @@ def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Moti
 
 
 def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionKind) -> Motion:
-    """Return the motion of points b to a, (P, 3), in weighted least squares [Umeyama 1991]."""
+    """Return the weighted least-squares motion of points b onto a, (P, 3) [Umeyama 1991]."""
     shares = (weights / weights.sum())[:, None]
     middle_b, middle_a = (shares * b).sum(axis=0), (shares * a).sum(axis=0)
     x, y = b - middle_b, a - middle_a

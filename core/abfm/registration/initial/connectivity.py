@@ -10,8 +10,8 @@ from abfm.mesh import TriangleMesh
 def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
     """Return the map that takes each vertex of B to the vertex of A with the same number.
 
-    The order, the first corner and the orientation of faces may differ. AbfmError if the meshes
-    have different numbers of vertices, or faces between other vertices.
+    Both meshes must have the same faces. Their order, first corners and orientation may differ.
+    AbfmError if the numbers of vertices differ, or a face connects other vertices.
     """
     difference = _difference(a, b)
     if difference:

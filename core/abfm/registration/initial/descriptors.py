@@ -34,7 +34,7 @@ class Hints(NamedTuple):
     """Landmarks and functions on both surfaces, expressed by eigenfunctions."""
 
     places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
-    at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), eigenfunctions there, on A and on B
+    at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), values of eigenfunctions
     weights: FloatArray  # (L,), weights of the landmarks, with mean 1
     functions: tuple[FloatArray, FloatArray]  # (K, C), coefficients with norm 1, on A and on B
 
@@ -73,9 +73,10 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
 
 
 def curvature_coefficients(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return coefficients (k,) of the mean curvature of the surface scaled to unit area.
+    """Return the coefficients (k,) of the mean curvature in the first k eigenfunctions.
 
-    The curvature is clipped at creases. It is 0 if every vertex is on the boundary.
+    The surface is scaled to unit area, and the curvature is clipped at creases. It is 0 if every
+    vertex is on the boundary.
     """
     if mesh.is_boundary_vertex.all():
         return np.zeros(k)
@@ -84,7 +85,7 @@ def curvature_coefficients(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return coefficients (k, E) of wave kernel signatures, with their means subtracted."""
+    """Return the coefficients (k, E) of wave kernel signatures at E energies, without means."""
     pairs = min(128, len(mesh.vertices))
     energies = _energies(unit_eigenbasis(mesh, pairs)[0])
     found = [
@@ -96,9 +97,9 @@ def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _bands(values: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return coefficients (k, L E) of delta functions at points, in bands of eigenvalues.
+    """Return coefficients (k, L E) of delta functions at L points, filtered to E frequency bands.
 
-    ``rows`` (L, k) are the values of the eigenfunctions at the points.
+    ``values`` (k,) are the eigenvalues, and ``rows`` (L, k) the eigenfunctions at the points.
     """
     energies = _energies(values)
     width = 1.5 * (energies[1] - energies[0])
@@ -112,7 +113,10 @@ def _energies(values: FloatArray) -> FloatArray:
 
 
 def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return 1 - r (C,) with the correlations r, weighted by areas, of functions (V, C)."""
+    """Return 1 - r, (C,), for the area-weighted correlations r of two sets of functions (V, C).
+
+    The sum of ``areas`` (V,) must be 1. The correlation of a constant is 0.
+    """
     one, other = one - areas @ one, other - areas @ other
     sizes = (areas @ one**2) * (areas @ other**2)
     products = areas @ (one * other)

@@ -15,7 +15,10 @@ _SIDE_MIN = 0.5  # least share of the area with one orientation minus that with 
 def make_continuous(
     given: MapInput, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
 ) -> Initial:
-    """Return a map, made continuous if it flips or collapses faces and no surface has handles."""
+    """Return an initial map, made continuous if it flips or collapses faces.
+
+    If a surface has handles, such a map stays unchanged, and a note reports this.
+    """
     # files store no map inside faces
     points = replace(points, interior_map=None)
     original = Correspondence(points)

@@ -117,7 +117,7 @@ def read_landmarks(
     An optional first line names the columns. It may name additional columns ``name``, ``weight``
     and ``curve``. It may also change the order of the other columns, by surface and axis such as
     ``b`` or ``x_b``. Without that line, one additional column of words is the curve. A warning is
-    issued if vertex numbers agree better when they are counted from the other first number.
+    issued if vertices seem to be counted from 1 instead of 0, or from 0 instead of 1.
 
     The lines with the same curve are points along it, in their order. The numbers of points on A
     and B may differ; the cells of missing points are empty. The curve is piecewise linear between
@@ -166,13 +166,13 @@ def read_landmarks(
 class _Side(NamedTuple):
     """The points of one surface in the rows of a landmark file."""
 
-    which: str
+    which: str  # "A" or "B"
     mesh: TriangleMesh
     given: list[tuple[int, tuple[float, ...]]]  # row numbers and cells
     first: int  # the number of the first vertex
 
     def positions(self) -> FloatArray:
-        """Return the positions of the points on the surface, (P, 3)."""
+        """Return the points projected onto the surface, (P, 3); AbfmError if one is far away."""
         found = np.array([self._position(*row) for row in self.given]).reshape(-1, 3)
         projected = project_onto_surface(self.mesh, found)
         gaps = projected.distances_from(found) / self.mesh.length_scale
@@ -186,7 +186,7 @@ class _Side(NamedTuple):
         return projected.positions
 
     def along(self, curve: str, count: int) -> FloatArray:
-        """Return points at equal distances along a curve through its points, (count, 3)."""
+        """Return points at equal distances on the curve through all given points, (count, 3)."""
         through = self.positions()
         if len(through) < 2:
             raise AbfmError(
@@ -287,9 +287,10 @@ class _Columns(NamedTuple):
 
 
 def by_surface(names: list[str], places: list[int]) -> list[int]:
-    """Return columns sorted by surface (A, B) if their names contain it, else in the given order.
+    """Return the indices of columns, ``places``, with those of A first, by the columns' names.
 
-    For six columns, each name also has to contain an axis. Examples are ``target`` and ``x_b``.
+    Names such as ``target`` and ``x_b`` contain a surface; of six columns they also need an axis.
+    Without such names the order is unchanged.
     """
     found = {}
     for k in places:
@@ -327,7 +328,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
 
 
 def _refuse_duplicates(rows: list[_LandmarkRow]) -> None:
-    """Raise an error if a point is in two pairs."""
+    """Raise AbfmError if two pairs have the same point on A or on B."""
     for which, points in (("A", [row.a for row in rows]), ("B", [row.b for row in rows])):
         seen: dict[tuple[float, ...], int] = {}
         for row, point in zip(rows, points, strict=True):

@@ -20,11 +20,12 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
 
     Vertices and faces are numbered as in the mesh files. The number of columns decides:
 
-    One column The vertex of A for each vertex of B. `abfm.functions.read_vertex_map` documents
-    whether the file counts from 0 or from 1. Four columns A face of A, counted in the same way, and
-    the weights of its three corners, for each vertex of B. The weights may be rounded. Two columns
-    Pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1). The pairs are
-    landmarks, unless every vertex of B is in exactly one pair.
+    - One column: the vertex of A for each vertex of B. `abfm.functions.read_vertex_map` documents
+      whether the file counts from 0 or from 1.
+    - Four columns: for each vertex of B a face of A, counted in the same way, and the weights of
+      its three corners. The weights may be rounded.
+    - Two columns: pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1).
+      The pairs are landmarks, unless every vertex of B is in exactly one pair.
 
     AbfmError if the file cannot be read or has another content. The message names the first wrong
     line.
@@ -70,7 +71,7 @@ def _of_pairs(
 
 
 def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
-    """Return the row in A of each face (V,), given as its file counts them."""
+    """Return the indices of A's faces, (V,), given by their numbers in A's file, from 0 or 1."""
     if a.has_flipped_faces:
         raise AbfmError(
             "faces of A were flipped on reading, so their corners are no longer in the order of "

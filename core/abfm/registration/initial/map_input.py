@@ -11,7 +11,7 @@ from abfm.types import FloatArray
 
 
 class MapInput(NamedTuple):
-    """Two surfaces with functions, masks, weights and landmarks."""
+    """Input of the methods: two surfaces with functions, masks, weights and landmarks."""
 
     a: TriangleMesh
     b: TriangleMesh

@@ -38,9 +38,9 @@ _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a plausible map, see `_checked`
 class InitialMapMethod(NamedTuple):
     """A method that finds an initial map."""
 
-    form: str  # how the method is written
+    form: str  # syntax, such as ``closest[:rigid]``
     about: str  # description of the method in a few words
-    find: Callable[[MapInput, list[str]], Initial]  # takes the arguments after the colon
+    find: Callable[[MapInput, list[str]], Initial]  # second argument: texts after the colon
 
     @property
     def name(self) -> str:
@@ -49,7 +49,7 @@ class InitialMapMethod(NamedTuple):
 
 
 def initial_map(initial: object, given: MapInput) -> Initial:
-    """Return the initial map by a method, see `METHODS`, or a given map.
+    """Return the initial map by a method, a text as in `METHODS`, or convert a given map.
 
     None means ``"auto"``, the best of all candidates that apply. Discontinuous maps are made
     continuous if neither surface has handles (`abfm.maps.continuous_map`). A given map is not
@@ -77,7 +77,10 @@ def initial_map(initial: object, given: MapInput) -> Initial:
 
 
 def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a note on the chosen candidate, if it was compared or differs from the method."""
+    """Return a note on the chosen candidate if others were compared or its method is another.
+
+    Otherwise, the tuple is empty.
+    """
     chosen, others = candidates[0], candidates[1:]
     name, note = chosen.name, ""
     if method == "landmarks" and name.partition(":")[0] != method:
@@ -93,7 +96,7 @@ def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ..
 
 
 def method_of(initial: str) -> InitialMapMethod:
-    """Return the method that a text names, or raise a ParameterError."""
+    """Return the method with the name before the colon, or raise a ParameterError."""
     name = initial.partition(":")[0]
     for method in METHODS:
         if method.name == name:
@@ -212,9 +215,10 @@ def _by_spheres(given: MapInput, options: list[str]) -> Initial:
 
 
 def _two_files(options: list[str]) -> list[str]:
-    """Return two file names from parts between commas.
+    """Return two file names from the parts of a text between commas.
 
-    File names may contain commas. The parts are joined at the first place where both files exist.
+    File names may contain commas. Parts are joined to the first two names of existing files. If
+    there are none, the parts are returned.
     """
     for count in range(1, len(options)):
         pair = [",".join(options[:count]), ",".join(options[count:])]
@@ -224,7 +228,7 @@ def _two_files(options: list[str]) -> list[str]:
 
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
-    """Return the directions (V, 3) of a mesh's vertices on the sphere in a file."""
+    """Return the directions (V, 3) of a mesh's vertices, read from the file of its sphere."""
     try:
         vertices, faces, _, side = read_contents(path, READERS, "mesh")
     except MeshError as error:

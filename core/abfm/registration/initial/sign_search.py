@@ -30,7 +30,7 @@ _MAP_DISTANCE_MIN = 0.4  # distance over sqrt(size) below which functional maps 
 
 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:
-    """Return at most ``most`` different functional maps, in the order of `Spectra.defect`.
+    """Return at most ``most`` different functional maps, by ascending `Spectra.defect`.
 
     The size of the maps is `MAP_SIZE`, or the number of eigenfunctions if that is smaller.
     ``others`` are additional starts of the search.
@@ -51,10 +51,10 @@ def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> lis
 
 
 def _refined(spectra: Spectra, C: FloatArray, size: int) -> FloatArray:
-    """Refine a start up to a size, and iterate a few times at that size.
+    """Refine a functional map up to ``size`` eigenfunctions, and three times at that size.
 
-    Sizes grow by two. With steps of one, the correct maps of three of 22 pairs of bodies were not
-    found.
+    The size grows in steps of two. With steps of one, the correct maps of three of 22 pairs of
+    bodies were not found.
     """
     checkpoint()
     return spectra.refined(C, [*range(len(C) + 2, size, 2), *[size] * 3])

@@ -38,11 +38,11 @@ class Spectra(NamedTuple):
         return cls((values_a, values_b), (at_a, at_b), (_brackets(a, k), _brackets(b, k)))
 
     def thinned(self, by: int) -> Spectra:
-        """Return the spectra at every ``by``-th point only."""
+        """Return the spectra with eigenfunctions at only every ``by``-th point."""
         return self._replace(functions=(self.functions[0][::by], self.functions[1][::by]))
 
     def refined(self, C: FloatArray, sizes: Iterable[int]) -> FloatArray:
-        """Refine a functional map through ``sizes``, see `abfm.maps.functional_maps.refined`."""
+        """Refine a functional map at each of ``sizes``, see `abfm.maps.functional_maps.refined`."""
         weights = np.full(len(self.functions[1]), 1 / len(self.functions[1]))
         return refined(*self.functions, weights, C, sizes)
 
@@ -62,8 +62,8 @@ class Spectra(NamedTuple):
         """Return 1 for an isometry that preserves the orientation, and -1 for one that reverses it.
 
         Other maps have values between. An isometry transfers the bracket ``<n, grad f x grad g>``
-        of two functions of A to the bracket of the transferred functions, or to its opposite. The
-        result is the correlation of both.
+        of two functions of A to the bracket of the transferred functions, or to its negative. The
+        result is the correlation of transferred brackets with brackets of transferred functions.
         """
         count = self.brackets[0].shape[0]
         few, more = min(count, len(C)), min(self.brackets[0].shape[2], len(C))
@@ -77,7 +77,7 @@ class Spectra(NamedTuple):
 
 @per_mesh
 def _brackets(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return the coefficients (n, n, m) of the brackets of the first n of k eigenfunctions."""
+    """Return the coefficients (n, n, m) of brackets of n eigenfunctions, see `Spectra.side`."""
     unit = mesh.normalized()
     functions = unit_eigenbasis(mesh, k)[1][:, :_BRACKET_COEFFICIENTS]
     count = min(BRACKETS, k)

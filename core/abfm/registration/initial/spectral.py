@@ -98,11 +98,11 @@ class SpectralSearch:
             ]
 
     def ranked(self, side: int) -> list[FloatArray]:
-        """Return maps (k, k) by ascending defect; side -1 is for maps onto the mirror image."""
+        """Return `maps` by ascending `defect`, for side 1, or -1 for maps onto the mirror image."""
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return how far a map is from an isometry and from given landmarks and functions."""
+        """Return the defect of a map: errors as an isometry, of landmarks, and of functions."""
         return self._criteria.defect(C, side)
 
     def side(self, C: FloatArray) -> float:
@@ -110,7 +110,7 @@ class SpectralSearch:
         return self._spectra.side(C)
 
     def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
-        """Return the images of Q points of B among P points of A: the numbers (Q,) of points of A.
+        """Map Q points of B to P points of A by a functional map; return indices of points, (Q,).
 
         ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area.
         """
@@ -134,7 +134,7 @@ class SpectralSearch:
 
 
 class _Criteria(NamedTuple):
-    """The data for the comparison of candidate maps."""
+    """Criteria for the comparison of functional maps, and the data that they need."""
 
     spectra: Spectra
     hints: Hints
@@ -165,7 +165,7 @@ def _relative_error(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
 
 
 def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
-    """Coarsen a mesh that is too fine for the search; raise an error if it has too few vertices."""
+    """Return a mesh, coarsened if it is too fine for the search; AbfmError if it is too coarse."""
     if len(mesh.vertices) < VERTICES_MIN:
         raise AbfmError(
             f"{which} has {len(mesh.vertices)} vertices; a map by eigenfunctions needs at least "
@@ -216,7 +216,7 @@ def _hints(
 def _point_map(
     a: TriangleMesh, b: TriangleMesh, coarse_a: TriangleMesh, coarse_b: TriangleMesh, C: FloatArray
 ) -> PointMap:
-    """Return the point map of the vertices of B, interpolated from those of a coarser mesh."""
+    """Return the point map from B to A of a functional map C between their coarser meshes."""
     found = point_map(coarse_a, coarse_b, C)
     if a is coarse_a and b is coarse_b:
         return found

@@ -38,8 +38,8 @@ def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
     """Return the best initial map between two spheres.
 
     One candidate is the map by vertex numbers, if both spheres have the same faces. The others are
-    rotations for each of the sides, 1 or -1 for the mirror image. Rotations are not searched if
-    none could be better than vertex numbers.
+    rotations for each of the ``sides``, 1 or -1 for the mirror image. Rotations are not searched if
+    none could be better than the map by vertex numbers.
     """
     found: list[tuple[str, Initial]] = []
     if 1 in sides and np.array_equal(given.a.faces, given.b.faces):
@@ -143,7 +143,7 @@ def _rotation_note(found: SphereRotation) -> str:
 
 
 def _ambiguities(found: SphereRotation) -> list[str]:
-    """Return reasons why a rotation may be wrong."""
+    """Return warnings with the reasons why a rotation of sphere A may be wrong."""
     warnings = []
     if found.correlation < _CORRELATION_MIN:
         warnings.append(

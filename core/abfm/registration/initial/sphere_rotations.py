@@ -123,7 +123,11 @@ def rotation_by_functions(
 
 
 def _identity_preferred(level: _Level, best: list[Rotation]) -> list[Rotation]:
-    """Put the identity first if it is about as good as the best rotation, and far from it."""
+    """Return the rotations, with the identity first if it is nearly as good as the best one.
+
+    Rotations by less than 12 degrees, which differ little from it, are then removed. If the best
+    rotation is one of these, nothing changes.
+    """
     here = Rotation.identity()
     if best[0].magnitude() < _ROTATION_ANGLE_MIN:
         return best
@@ -165,7 +169,7 @@ def rotation_by_landmarks(
 
 
 class _Level:
-    """Functions of both spheres as means over cells.
+    """Functions of both spheres as means over ``count`` cells, for one level of the search.
 
     The functions of sphere A are tables by latitude and longitude. The last table has the weights.
     """
@@ -227,7 +231,10 @@ class _Level:
         return float(min(self._cell_weights.sum(), shares))
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
-        """Return the best rotation near a given one, by a simplex of a size in radians."""
+        """Return the best rotation near a given one, by a simplex search.
+
+        ``size`` is the first size of the simplex, in radians.
+        """
         # imported here, as every registration loads this module and few call this method
         from scipy.optimize import minimize
 
@@ -250,10 +257,10 @@ class _Level:
 def _interpolate(
     back: FloatArray, places: FloatArray, tables: FloatArray, interpolated: FloatArray
 ) -> None:
-    """Interpolate tables over a sphere at rotated places.
+    """Interpolate functions on a sphere, T tables by latitude and longitude, at rotated points.
 
-    The result for T tables, rotations ``back`` (K, 3, 3) and ``places`` (n, 3) is written to
-    ``interpolated`` (T, K, n).
+    The points are the directions ``places`` (n, 3) after each rotation of ``back`` (K, 3, 3). The
+    values are written to ``interpolated`` (T, K, n).
     """
     _, rows, columns = tables.shape
     lines = (rows - 1) / np.pi
@@ -286,7 +293,7 @@ def _spread_rotations(count: int) -> Rotation:
 
 
 def _distinct(rotations: Rotation, scores: FloatArray) -> list[Rotation]:
-    """Return rotations by descending score, without near duplicates of better ones."""
+    """Return at most 12 rotations by descending score, without near duplicates of better ones."""
     distinct: list[Rotation] = []
     for number in np.argsort(-scores, kind="stable")[: 60 * _REFINED_ROTATIONS]:
         one = rotations[int(number)]

@@ -27,10 +27,10 @@ def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) 
 def warn_of_numbering(
     a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray, first: int
 ) -> None:
-    """Warn if landmarks correspond much better with the other first vertex number.
+    """Warn if landmarks agree much better when vertices are counted from 1 instead of 0, or 0.
 
     ``numbers_a`` and ``numbers_b`` (L,) are counted from ``first``, which is 0 or 1. Surfaces with
-    the same faces are not checked, as any of their vertices correspond.
+    the same faces are not checked, as equal vertex numbers correspond for both.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return

@@ -47,14 +47,14 @@ class CoarseShape(NamedTuple):
     eigenfunctions: FloatArray  # (V, K)
 
     def sampled(self, mesh: TriangleMesh, values: ArrayLike) -> FloatArray:
-        """Return values of the fine mesh, (V',) or (V', C), at the coarse vertices."""
+        """Interpolate values of the original mesh, (V',) or (V', C), at the coarse vertices."""
         points = project_onto_surface(mesh.normalized(), self.mesh.vertices)
         return points.pull_back(values)
 
 
 @per_mesh
 def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
-    """Return the surface on about ``count`` vertices, or on all its vertices if it has fewer."""
+    """Return the coarse shape of a mesh, with about ``count`` vertices, or all if it has fewer."""
     coarse = (coarsened(mesh, count) or mesh).normalized()
     areas = vertex_areas(coarse)
     areas = areas / areas.sum()
@@ -101,10 +101,10 @@ def _clipped(mesh: TriangleMesh) -> sparse.csr_array:
 
 
 def _distances(mesh: TriangleMesh) -> FloatArray:
-    """Return the distances between all vertices along edges and across them.
+    """Return shortest distances (V, V) between vertices, on paths along edges and across them.
 
-    The line across an edge connects its two opposite corners after both faces are unfolded into a
-    plane.
+    A path across an edge is the line between its two opposite corners after both faces are unfolded
+    into a plane.
     """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     corners = mesh.faces.ravel()
@@ -138,7 +138,7 @@ def _distances(mesh: TriangleMesh) -> FloatArray:
 
 
 def _scaling(distances: FloatArray, areas: FloatArray) -> FloatArray:
-    """Return coordinates (V, 8) by classical scaling, weighted by area."""
+    """Return coordinates (V, 8) that reproduce distances (V, V), by classical scaling."""
     squared = distances**2
     mean = squared @ areas
     gram = -0.5 * (squared - mean[:, None] - mean + areas @ mean)

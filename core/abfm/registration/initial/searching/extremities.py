@@ -1,7 +1,7 @@
 """Maps by the ends of limbs, which are matched by the distances between them.
 
-The ends are vertices whose mean distance from the surface is a local maximum, such as hands, feet
-and the head of a person. Every injection of the ends of one surface into those of the other is
+The ends are vertices whose mean distance from all other points is a local maximum, such as hands,
+feet and the head of a person. Every injection of the ends of one surface into those of the other is
 rated by distances and by the area around each end. A map follows from the distances d_i to the ends
 and from their brackets ``<n, grad d_i x grad d_j>``. Brackets change their sign under reflection.
 They therefore distinguish front from back, unlike distances.
@@ -62,9 +62,10 @@ def matchings(
 def map_by_vertices(
     a: CoarseShape, b: CoarseShape, on_a: IntArray, on_b: IntArray, side: int
 ) -> IntArray:
-    """Return a vertex of A for each vertex of B, by the distances to matched vertices (L,).
+    """Return a vertex of A for each vertex of B, by the distances to L matched vertices.
 
-    ``side`` is 1 for a map onto A, and -1 for a map onto the mirror image of A.
+    Vertex ``on_a[i]`` is matched with ``on_b[i]``. ``side`` is 1 for a map onto A, and -1 for a map
+    onto the mirror image of A.
     """
     rows = [_rows(shape, vertices) for shape, vertices in ((a, on_a), (b, on_b))]
     (distances_a, brackets_a), (distances_b, brackets_b) = rows
@@ -85,7 +86,7 @@ def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
 
 
 def _rows(shape: CoarseShape, vertices: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return distances (V, 2 L) and brackets (V, L (L - 1) / 2) that distinguish vertices."""
+    """Return features of V vertices: distances (V, 2 L) and brackets (V, L (L - 1) / 2)."""
     distances = shape.distances[:, vertices]
     inverse = (distances + _DISTANCE_OFFSET) ** -2.0
     pairwise = shape.distances[np.ix_(vertices, vertices)]

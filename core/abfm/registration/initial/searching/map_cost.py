@@ -22,7 +22,7 @@ _WRONG_SIDE_COST = 1.0  # added if the orientation is wrong on most of the surfa
 
 
 class MapCost(NamedTuple):
-    """Parts of the cost of a map. An isometry has energy 2, and the other parts are 0."""
+    """Parts of the cost of a map; an isometry has energy 2, and descriptors and commutator 0."""
 
     energy: float
     descriptors: float
@@ -75,7 +75,7 @@ def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
 
 
 def side(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> float:
-    """Return the share of area with preserved orientation minus the other share, -1 to 1.
+    """Return the share of area with preserved minus that with reversed orientation, -1 to 1.
 
     The weight of a face is the smaller one of its area and the area of its image.
     """
@@ -94,7 +94,7 @@ def side(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> float:
 
 
 def _commutator(codomain: CoarseShape, domain: CoarseShape, vertices: IntArray) -> float:
-    """Return ``2 |C L - L C| / (|C L| + |L C|)`` for the functional map C of a vertex map."""
+    """Return ``2 |C L - L C| / (|C L| + |L C|)`` for the functional map C and Laplacians L."""
     size = min(len(codomain.eigenvalues), len(domain.eigenvalues))
     transferred = codomain.eigenfunctions[vertices, :size]
     C = domain.eigenfunctions[:, :size].T @ (domain.areas[:, None] * transferred)

@@ -34,7 +34,7 @@ class TwoWayMap(NamedTuple):
 
 
 def two_way_map(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> TwoWayMap:
-    """Return the map from B to A with a map back: each vertex of A goes to the closest image."""
+    """Return the map to A with a map back, from vertices of A to those with the closest images."""
     images = a.coordinates[to_a]
     return TwoWayMap(to_a, nearest(a.coordinates, images), images)
 
@@ -49,14 +49,14 @@ def relax(
     penalties: Iterable[float],
     iterations: int,
 ) -> TwoWayMap:
-    """Relax a map by alternating minimisation.
+    """Reduce the reversible harmonic energy of a map by alternating minimisation.
 
     One step minimises over the images in coordinates, by a linear system in each direction. The
     other step minimises over the vertices to which the images are rounded. Both are repeated
     ``iterations`` times for each penalty. The ``penalties`` are ascending weights of the distance
-    between images and the vertices to which they are rounded, relative to `REVERSIBILITY`.
-    ``weight`` is that of the squared difference of the ``descriptors``, (V_A, C) and (V_B, C),
-    functions that rounding should preserve.
+    between images and the vertices to which they are rounded, relative to `REVERSIBILITY`. Rounding
+    should preserve the ``descriptors``, (V_A, C) and (V_B, C); ``weight`` is the weight of their
+    squared difference.
     """
     (to_a, to_b, images), on_a, on_b = start, *descriptors
     of_descriptors = np.sqrt(weight)
@@ -103,6 +103,9 @@ class _System:
 
 
 def _nearest(rows: list[FloatArray], others: list[FloatArray]) -> IntArray:
-    """Return the numbers of the nearest other rows, in single precision, which is sufficient."""
+    """Return the index in ``others`` of the row nearest to each of ``rows``, given by columns.
+
+    Single precision is sufficient.
+    """
     one, other = (np.hstack(parts).astype(np.float32) for parts in (rows, others))
     return nearest(one, other)

@@ -73,7 +73,7 @@ _SIDE_MIN = 0.5  # least `MapCost.side` of a plausible map
 
 
 def is_searched(candidates: Sequence[Candidate]) -> bool:
-    """Return whether one of the methods `KINDS` found the map, between two different shapes."""
+    """Return whether the first candidate is by a method for two different shapes, in `KINDS`."""
     return any(each.name.partition(":")[0] in KINDS for each in candidates[:1])
 
 
@@ -84,7 +84,7 @@ class Pair(NamedTuple):
     b: CoarseShape
     descriptors: tuple[FloatArray, FloatArray]  # (V_A, C) and (V_B, C)
     weights: FloatArray  # (C,)
-    landmarks: tuple[IntArray, IntArray]  # (L,) vertices
+    landmarks: tuple[IntArray, IntArray]  # (L,), coarse vertices
     landmark_weights: FloatArray  # (L,), weights with the sum 1
 
     def relax(
@@ -103,7 +103,7 @@ class Pair(NamedTuple):
         )
 
     def cost(self, found: TwoWayMap) -> MapCost:
-        """Return the cost of a map, without landmarks."""
+        """Return the cost of a map, without that of landmarks."""
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
     def without_functions(self) -> Pair:
@@ -114,7 +114,7 @@ class Pair(NamedTuple):
         )
 
     def landmark_cost(self, found: TwoWayMap) -> float:
-        """Return the cost of the errors of landmarks."""
+        """Return the mean landmark error of a map in sqrt(area), times `LANDMARK_WEIGHT`."""
         on_a, on_b = self.landmarks
         if not len(on_a):
             return 0.0
@@ -184,7 +184,7 @@ def search_initial_map(
 
 
 class _Search:
-    """The data for the candidates, computed on first use."""
+    """Two surfaces with the data for all candidates, computed on first use."""
 
     def __init__(self, given: MapInput) -> None:
         self.given = given
@@ -215,7 +215,7 @@ class _Search:
         return SpectralSearch(given.a, given.b, given.landmarks, functions)
 
     def polished(self, best: Relaxed) -> PointMap:
-        """Return the relaxed map on all vertices of B; it maps landmarks exactly."""
+        """Relax the best map further; return it on all vertices of B, with exact landmarks."""
         pair, given = self.pair(_VERTICES), self.given
         found = pair.relax(
             best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _ITERATIONS
@@ -287,7 +287,7 @@ def _landmarks(
 
 
 def _through_landmarks(pair: Pair, images: FloatArray) -> FloatArray:
-    """Return images (V_B, 8), moved smoothly so that landmarks are mapped exactly."""
+    """Move images (V_B, 8) smoothly so that landmarks of B are mapped to those of A."""
     on_a, on_b = pair.landmarks
     if not len(on_a):
         return images
@@ -358,7 +358,10 @@ def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
 def _by_positions(
     positions: tuple[FloatArray, FloatArray], side: int
 ) -> Callable[[Pair], IntArray]:
-    """Return a function that maps by distances to positions, (L, 3) on A and B, at unit area."""
+    """Return a function for `Start.coarse` that maps by the distances to L matched points.
+
+    ``positions`` are those of the points on A and on B, (L, 3) each, scaled to unit area.
+    """
 
     def coarse(pair: Pair) -> IntArray:
         on_a, on_b = (
@@ -440,7 +443,10 @@ _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
 
 
 def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
-    """Return the candidates with only the best matchings, found by fast, coarser relaxations."""
+    """Return the candidates, with only the best four matchings of extremities for each side.
+
+    Fast relaxations of coarse maps find the best matchings.
+    """
     costs: dict[int, float] = {}
     for number, start in enumerate(starts):
         if start.kind == "extremities":
@@ -474,7 +480,7 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
     """Return the most accurate of the candidates that are equivalent to the best one.
 
-    A candidate by the alignment of congruent surfaces comes first, then one by eigenfunctions.
+    A candidate by the alignment of congruent surfaces is preferred, then one by eigenfunctions.
     """
     best = tried[0]
     equivalent = [
@@ -493,7 +499,7 @@ def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
 
 
 def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
-    """Return reasons why the best map may be wrong."""
+    """Return warnings with the reasons why the best map may be wrong."""
     found = []
     cost = pair.without_functions().cost(best.found).total(best.start.side)
     if cost > _COST_MAX or best.parts.side * best.start.side < _SIDE_MIN:
