@@ -45,7 +45,7 @@ class Computation(Protocol):
 class WorkItem:
     """A row to solve and the folder for its result, or a computation.
 
-    A worker recognises the folder by the text in its file ``identity``.
+    A worker recognises the folder by the text in the folder's file ``identity``.
     """
 
     row: Row | Computation
@@ -60,7 +60,7 @@ class WorkItem:
 
 @dataclass(frozen=True)
 class Answer:
-    """The result of a work item."""
+    """A worker's answer to a work item: the record of a row, or the value of a computation."""
 
     record: Record = Record()
     result: bytes | None = None  # content of the result file, if the folder is not accessible
@@ -76,9 +76,9 @@ class Cost:
     seconds_to_goal: float | None = None  # until the residual on the input mesh reached the goal
 
     def watch(self, goal: float | None) -> Callable[[Iteration], object]:
-        """Return a function to call after every iteration of a match with this goal.
+        """Return a function that updates the cost; call it after every iteration of a match.
 
-        For tasks without a goal, the function does nothing.
+        ``goal`` is the goal of the match. If it is None, the function does nothing.
         """
         if goal is None:
             return ignore
@@ -199,7 +199,7 @@ def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
 def _with_contents(
     row: Row | Computation, contents: Mapping[str, bytes], folder: Path
 ) -> Row | Computation:
-    """Write ``contents`` by path to files in a folder, and return a row that uses these files."""
+    """Write files, given as contents by path, to a folder; return the row with their new paths."""
     places = dict[str, str]()
     for path, content in contents.items():
         drive, relative = os.path.splitdrive(os.path.normpath(path))

@@ -138,7 +138,7 @@ class Ledger:
         )
 
     def result_path(self, digest: str) -> Path:
-        """Return the path of the result with a digest, whether it exists or not."""
+        """Return the path of the result file with this digest, whether it exists or not."""
         return self.folder / f"{digest}.npz"
 
     def has_result(self, digest: str) -> bool:
@@ -151,11 +151,11 @@ class Ledger:
             write_file(self.result_path(digest), content)
 
     def entry(self, row: Row) -> LedgerEntry:
-        """Return the entry of a row."""
+        """Return the ledger entry of a row: its state, its record, and the path of its result."""
         return self._entry(row, row.key)
 
     def entries(self, rows: Iterable[Row]) -> list[LedgerEntry]:
-        """Return the entries of rows, in their order."""
+        """Return the ledger entries of rows, in their order."""
         return [self.entry(row) for row in rows]
 
     def forget(self, row: Row) -> None:

@@ -104,7 +104,10 @@ def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Return the columns as names of options; ``max_distortion`` and ``--bound`` are allowed."""
+    """Return the names of columns as names of options, such as max-distortion for max_distortion.
+
+    ParameterError if a name is unknown or repeated.
+    """
     known = known_columns()
     found: list[str] = []
     for number, cell in enumerate(cells, 1):

@@ -125,9 +125,9 @@ def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:
 
 
 def checked_mask(mesh: TriangleMesh, text: str | None, name: str) -> FloatArray:
-    """Evaluate the mask (V,) in a text, 1 without a text; ParameterError if it is invalid.
+    """Evaluate the specification of a mask, (V,); return ones without a specification.
 
-    The message calls it the mask of ``name``.
+    ParameterError, with ``name`` in the message, if the mask is invalid.
     """
     found = mask_from_input(mesh, text or None, f"the mask of {name}")
     return np.ones(len(mesh.vertices)) if found is None else found

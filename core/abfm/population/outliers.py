@@ -23,8 +23,8 @@ subject is an outlier [Iglewicz and Hoaglin 1993].
 """
 _NORMAL_MAD_RATIO = 1.4826  # standard deviation / median absolute deviation, if normal
 _SPREAD_MIN = 0.02  # minimum standard deviation of z-transformed correlations and logarithms
-_EXPLAINED_RATIO_MIN = 0.5  # minimum explained variance of an included subject / median
-_RATIO_MAX = 2.0  # maximum distance or distortion of an included subject / median
+_EXPLAINED_RATIO_MIN = 0.5  # minimum explained variance of included subjects, divided by the median
+_RATIO_MAX = 2.0  # maximum distance or distortion of included subjects, divided by the median
 _LOG2_AREA_MAX = 0.5  # maximum mean |log2 J| of an included subject: areas change by 41%
 # thresholds of the hints on the unit and the sign of values
 _SPREAD_RATIO_MAX = 2.0
@@ -69,7 +69,7 @@ class ComparisonData(NamedTuple):
     values: Sequence[FloatArray]  # (N, V), values of each channel used for registration
     masks: FloatArray  # (N, V), nonnegative, 0 where a subject is unknown
     weights: FloatArray  # (N,) weights in means; subjects of weight 0 are also checked
-    areas: FloatArray  # (V,)
+    areas: FloatArray  # (V,), areas of the vertices
     channel_weights: Sequence[float]
 
     def known_areas(self, subject: int) -> FloatArray:

@@ -175,7 +175,10 @@ class Population(Display):
 
     @property
     def displacement(self) -> FloatArray:
-        """Root mean square of each subject's displacement minus the mean field, in sqrt(area)."""
+        """Size of each subject's displacement minus the mean field, (N,), in sqrt(area).
+
+        The size is the root mean square over the surface.
+        """
         return self._number("displacement")
 
     @property

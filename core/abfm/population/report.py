@@ -16,7 +16,7 @@ from abfm.population.population import Population
 
 
 def details(found: Population) -> dict[str, Any]:
-    """Return all reported values as plain numbers and texts; None if a value is unknown."""
+    """Return the report of a population as plain numbers and texts; None for unknown values."""
     scores = [found.scores(c) for c in range(len(found.channels))]
     channels = []
     for c, channel in enumerate(found.channels):

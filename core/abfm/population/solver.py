@@ -48,7 +48,7 @@ from abfm.workers.progress import step
 
 _TARGETS = "targets"  # subfolder of templates, target functions and mean fields
 _OUTLIER_PASSES_MAX = 3  # searches for outliers in a round, each with the latest mean field
-_NOISE_SUBJECTS = 3  # number of subjects whose noise is estimated
+_NOISE_SUBJECTS = 3  # number of subjects from whose functions the noise is estimated
 _FUNCTION_METHODS = "embedding", "landmarks"  # initial maps that need functions or landmarks
 
 
@@ -133,9 +133,10 @@ class PopulationSolver:
         return min(max(Parameters.goal, float(np.median(levels or [0.0]))), 1.0)
 
     def first_target(self) -> Target:
-        """Return the functions of the template, or of the subject most similar to the plain mean.
+        """Return the functions of the template or, without them, those of a typical subject.
 
-        The plain mean itself (before registration) is not the target, because it is blurred.
+        This subject is the one most similar to the plain mean (before registration). The plain mean
+        itself is not the target, because it is blurred.
         """
         given = self.settings.functions
         channels = self.cohort.registered_channels
@@ -281,8 +282,9 @@ class PopulationSolver:
         """Transfer all subjects to the template, corrected by the mean field, and find outliers.
 
         ``entries`` are the registrations of round ``number``. ``before`` has the included subjects
-        of each previous round, (N,). The mean field is that of the subjects included last, and of
-        all subjects in round 1. The transfer is repeated if the included subjects change.
+        of each previous round, (N,). The mean field is that of the subjects included last; in round
+        1 it is that of all registered subjects. The transfer is repeated if the included subjects
+        change.
         """
         failures = [
             "" if entry.path else f"its registration failed: {entry.reason or 'there is no result'}"
@@ -404,10 +406,11 @@ class PopulationSolver:
         return np.array(channel_means)
 
     def phases(self, entries: Sequence[LedgerEntry], found: RoundResult) -> FloatArray:
-        """Split the variance of each channel, (C, 4), see `statistics.phase_and_amplitude`.
+        """Return total, phase, amplitude and factor of the variance of each channel, (C, 4).
 
-        The split is computed at the midpoints of edges. There, values are means of two vertices
-        before registration, and of two or three after it. Both smooth noise in a similar way.
+        They are computed at the midpoints of edges, see `statistics.phase_and_amplitude`. There,
+        values are means of two vertices before registration, and of two or three after it. Both
+        smooth noise in a similar way.
         """
         ends = self.template.edges
         areas = edge_areas(self.template) * self.mask[ends].mean(axis=1)
@@ -434,7 +437,7 @@ class PopulationSolver:
     ) -> Population:
         """Return the population after the last round, with the subjects in the table's order.
 
-        ``order`` (N,) are the indices of the table's subjects in the cohort, sorted by name.
+        ``order`` (N,) has the index in the cohort, which is sorted by name, for each of them.
         """
         cohort, outliers = self.cohort, found.outliers
         channel_weights = np.zeros(len(cohort.channels))

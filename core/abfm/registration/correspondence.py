@@ -185,7 +185,7 @@ class Correspondence(Display):
 
     def with_candidates(self, candidates: tuple[Candidate, ...]) -> Correspondence:
         """Return a copy with a list of candidates; the first one must be that of this map."""
-        found = object.__new__(type(self))  # copy.copy would go through the arrays of files
+        found = object.__new__(type(self))  # copy.copy would convert the maps to arrays and back
         found.__dict__.update(self.__dict__)
         found.candidates = candidates
         return found
@@ -245,8 +245,8 @@ class Correspondence(Display):
         """Measure the distortion of each face of B by the map to A, see `PointMap.distortion`.
 
         Surfaces A and B are scaled to unit area. Faces count as flipped if the map reverses their
-        orientation. If it reverses most of the area, as a map from left to right does, the faces
-        whose orientation it preserves count as flipped instead.
+        orientation. If it reverses most of the area, as from a left to a right hemisphere, the
+        faces whose orientation it preserves count as flipped instead.
         """
         return self._distortion
 

@@ -294,7 +294,10 @@ def prepare(
 def _as_landmarks(
     a: TriangleMesh, b: TriangleMesh, given: Pairs, are_loaded: tuple[bool, ...]
 ) -> Landmarks:
-    """Check landmarks given in any form and return them as points of both surfaces."""
+    """Check landmarks given in any form, and return them as points of both surfaces.
+
+    A surface in ``are_loaded`` was loaded here, so its vertices are numbered as in its file.
+    """
     if isinstance(given, tuple) and all(isinstance(points, SurfacePoints) for points in given):
         on_a, on_b = given
         count = len(on_a.faces)
@@ -394,7 +397,7 @@ def _standardized(
 
 
 def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:
-    """Return whether two functions, (n,) each, seem to have one unit, by minima and maxima."""
+    """Return whether two functions, (n,) each, have similar minima and maxima, as in one unit."""
     span = max(np.ptp(f), np.ptp(g))
     ends = abs(f.min() - g.min()), abs(f.max() - g.max())
     return bool(max(ends) <= _RANGE_SHARE_MAX * span)

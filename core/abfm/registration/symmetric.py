@@ -80,7 +80,7 @@ class SymmetricRegistration(Correspondence):
         )
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file: both maps, the asymmetry, and the facts."""
+        """Return the arrays that `save` writes: both meshes, both maps, asymmetry and facts."""
         facts = json.dumps(asdict(self.facts))
         return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
 

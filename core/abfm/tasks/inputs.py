@@ -113,7 +113,7 @@ def by_name(inputs: Iterable[Input]) -> dict[str, Input]:
 def parameter_inputs(
     defaults: Mapping[str, Any] | None = None, help: Mapping[str, str] | None = None
 ) -> tuple[Input, ...]:
-    """Return one input for each parameter.
+    """Return one input for each parameter of a match.
 
     ``defaults`` has the default of each parameter by name; without it, all parameters have their
     usual defaults. None is a default that the solver chooses; such an input also accepts "auto".
@@ -225,7 +225,7 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
 
 
 def renamed_function(text: str, rename: Rename) -> str:
-    """Return the specification of `read_function`, with file names replaced by ``rename``."""
+    """Convert a text as `read_function` does, and replace its file names by ``rename``."""
     try:
         parse(text)
     except FunctionError:

@@ -28,7 +28,7 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Return the surface of a result file, with the functions computed from the file's arrays.
+    """Return the surface of a result file, and what ``functions`` computes from its arrays.
 
     ResultError if the file is damaged.
     """
@@ -46,7 +46,7 @@ class Result(Protocol):
         """Facts of the result for reports, pages and panels."""
 
     def save(self, path: File) -> None:
-        """Write the file, completely or not at all."""
+        """Write the result to a file, completely or not at all."""
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Write the valid parts of a result that `save` refuses; return names of missing parts."""

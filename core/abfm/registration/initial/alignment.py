@@ -148,8 +148,8 @@ class _Surfaces(NamedTuple):
     kind: MotionKind
     on_a: ClosestPoints
     on_b: ClosestPoints
-    a: FloatArray  # (P, 3)
-    b: FloatArray  # (P, 3)
+    a: FloatArray  # (P, 3), points of A
+    b: FloatArray  # (P, 3), points of B
     landmarks: tuple[FloatArray, FloatArray, FloatArray]  # points of B, of A, and their weights
 
     @classmethod
@@ -223,7 +223,7 @@ class _Surfaces(NamedTuple):
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
-    """Refine motions; return the ``count`` best ones, or a single one if its distance is about 0."""
+    """Refine motions; return the ``count`` best ones, or a single one if its score is about 0."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()

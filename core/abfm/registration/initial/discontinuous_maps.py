@@ -17,7 +17,8 @@ def make_continuous(
 ) -> Initial:
     """Return an initial map, made continuous if it flips or collapses faces.
 
-    If a surface has handles, such a map stays unchanged, and a note reports this.
+    If a surface has handles, such a map stays unchanged, and a note reports this. The result also
+    contains the given ``notes`` and ``warnings``.
     """
     # files store no map inside faces
     points = replace(points, interior_map=None)

@@ -25,7 +25,7 @@ from abfm.types import FloatArray
 from abfm.wording import counted
 
 _OPTIONAL_COLUMNS = ("name", "weight", "curve")
-_SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # surface of a word in a column name
+_SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # surface by word of a column name
 _VERTEX_NUMBER_MAX = 1e15  # larger numbers are not vertex numbers and make long messages
 _DISTANCE_MAX = 0.1  # largest distance of a point from its surface, in sqrt(area)
 _CURVE_SAMPLES = 32  # points between two given points of a curve, projected onto the surface
@@ -95,7 +95,7 @@ class Landmarks:
 
 class _LandmarkRow(NamedTuple):
     number: int  # counted from 1, without empty rows
-    a: tuple[float, ...]  # empty if the cells are empty
+    a: tuple[float, ...]  # vertex number or coordinates; empty if the cells are empty
     b: tuple[float, ...]
     name: str
     weight: float
@@ -172,7 +172,10 @@ class _Side(NamedTuple):
     first: int  # the number of the first vertex
 
     def positions(self) -> FloatArray:
-        """Return the points projected onto the surface, (P, 3); AbfmError if one is far away."""
+        """Return the points projected onto the surface, (P, 3).
+
+        AbfmError if a point is more than 0.1 sqrt(area) away from the surface.
+        """
         found = np.array([self._position(*row) for row in self.given]).reshape(-1, 3)
         projected = project_onto_surface(self.mesh, found)
         gaps = projected.distances_from(found) / self.mesh.length_scale
@@ -186,7 +189,10 @@ class _Side(NamedTuple):
         return projected.positions
 
     def along(self, curve: str, count: int) -> FloatArray:
-        """Return points at equal distances on the curve through all given points, (count, 3)."""
+        """Return points at equal distances on the curve through all given points, (count, 3).
+
+        ``curve`` is the name of the curve in messages.
+        """
         through = self.positions()
         if len(through) < 2:
             raise AbfmError(

@@ -11,7 +11,7 @@ from abfm.types import FloatArray
 
 
 class MapInput(NamedTuple):
-    """Input of the methods: two surfaces with functions, masks, weights and landmarks."""
+    """Input of a method for initial maps: two surfaces and the data on them."""
 
     a: TriangleMesh
     b: TriangleMesh

@@ -49,7 +49,7 @@ class InitialMapMethod(NamedTuple):
 
 
 def initial_map(initial: object, given: MapInput) -> Initial:
-    """Return the initial map by a method, a text as in `METHODS`, or convert a given map.
+    """Return the initial map by a method (a text, see `METHODS`), or a given map as `Initial`.
 
     None means ``"auto"``, the best of all candidates that apply. Discontinuous maps are made
     continuous if neither surface has handles (`abfm.maps.continuous_map`). A given map is not
@@ -77,9 +77,9 @@ def initial_map(initial: object, given: MapInput) -> Initial:
 
 
 def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a note on the chosen candidate if others were compared or its method is another.
+    """Return a tuple with a note on the chosen candidate, or an empty tuple.
 
-    Otherwise, the tuple is empty.
+    There is a note if other candidates were compared, or if "landmarks" chose another method.
     """
     chosen, others = candidates[0], candidates[1:]
     name, note = chosen.name, ""

@@ -24,9 +24,9 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
 MAP_SIZE = 24  # eigenfunctions of the functional maps that are compared
-_SIGNED_EIGENFUNCTIONS = (4, 5, 6, 7)  # numbers of eigenfunctions whose signs are tried
+_SIGNED_EIGENFUNCTIONS = (4, 5, 6, 7)  # numbers of first eigenfunctions; all signs are tried
 _COMBINED_MAPS = 7  # best maps that are composed with each other
-_MAP_DISTANCE_MIN = 0.4  # distance over sqrt(size) below which functional maps are the same
+_MAP_DISTANCE_MIN = 0.4  # maps with a smaller distance / sqrt(size) count as the same
 
 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:

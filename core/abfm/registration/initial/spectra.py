@@ -19,11 +19,11 @@ _BRACKET_COEFFICIENTS = 40  # eigenfunctions in which brackets are expanded
 
 
 class Spectra(NamedTuple):
-    """Spectra of surfaces A and B, both scaled to unit area; each pair is that of A and of B."""
+    """Spectra of surfaces A and B, both scaled to unit area; each field is a pair, for A and B."""
 
     values: tuple[FloatArray, FloatArray]  # (K,), eigenvalues
     functions: tuple[FloatArray, FloatArray]  # (P, K), eigenfunctions at P points
-    brackets: tuple[FloatArray, FloatArray]  # (n, n, m), used by `side`
+    brackets: tuple[FloatArray, FloatArray]  # (n, n, m), coefficients, see `side`
 
     @classmethod
     def of(cls, a: TriangleMesh, b: TriangleMesh, k: int, count: int) -> Spectra:

@@ -102,7 +102,10 @@ class SpectralSearch:
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return the defect of a map: errors as an isometry, of landmarks, and of functions."""
+        """Return the sum of a map's errors as an isometry, at landmarks and of functions.
+
+        ``side`` is 1, or -1 for a map onto the mirror image.
+        """
         return self._criteria.defect(C, side)
 
     def side(self, C: FloatArray) -> float:

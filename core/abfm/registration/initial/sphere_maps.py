@@ -28,7 +28,7 @@ LANDMARK_WEIGHT = 5.0  # cost of a mean landmark error of sqrt(area)
 # map must be clearly better than that by vertex numbers.
 _ROTATION_COST = 0.4
 _MIRROR_COST = 0.1
-_RIVAL_RATIO = 0.9  # another rotation with this share of the best correlation is as good
+_RIVAL_RATIO = 0.9  # another rotation with this share of the best correlation is also good
 _CORRELATION_MIN = 0.3  # least correlation of functions on corresponding spheres
 
 sphere_of = per_mesh(sphere_embedding)  # cached with the mesh, for calls with other functions

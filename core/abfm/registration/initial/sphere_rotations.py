@@ -30,7 +30,7 @@ _ROTATION_ANGLE_MIN = np.radians(12)  # closer rotations count as one
 _SIMPLEX_SIZES = np.radians((6, 3, 1.5))  # first size of the simplex for each number of cells
 _LATITUDES = 180  # rows of tables of rotated functions
 _SIGN_WEIGHT = 0.9  # factor of negative correlations
-_EQUAL_CORRELATION_SHARE = 0.99  # with this share of the best correlation, nothing is rotated
+_EQUAL_CORRELATION_SHARE = 0.99  # the identity is preferred with this share of the best
 _CONSTANT = 1e-9  # functions that vary less, relative to their largest value, are constant
 _SPREAD_MIN = 1e-6  # landmarks whose directions vary less do not determine a rotation
 

@@ -11,7 +11,7 @@ from abfm.types import FloatArray, IntArray
 
 _LANDMARKS_MIN = 3
 _LANDMARKS_MAX = 30  # largest number of landmarks that are compared
-# a warning is issued if the other first number lowers the cost below this share. For correct
+# a warning is issued if the other numbering lowers the cost below this share of it. For correct
 # landmarks on human shapes, the share is at least 0.54.
 _COST_RATIO = 0.5
 
@@ -27,9 +27,9 @@ def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) 
 def warn_of_numbering(
     a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray, first: int
 ) -> None:
-    """Warn if landmarks agree much better when vertices are counted from 1 instead of 0, or 0.
+    """Warn if landmarks agree much better when vertices are counted from ``1 - first``.
 
-    ``numbers_a`` and ``numbers_b`` (L,) are counted from ``first``, which is 0 or 1. Surfaces with
+    ``numbers_a`` and ``numbers_b`` (L,) are vertices counted from ``first``, 0 or 1. Surfaces with
     the same faces are not checked, as equal vertex numbers correspond for both.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):

@@ -26,7 +26,7 @@ from abfm.mesh.topology import next_corner
 from abfm.types import FloatArray, IntArray
 
 COORDINATES = 8  # dimensions of the classical scaling of the distances
-EIGENFUNCTIONS = 30  # number in which the commutator of map and Laplacian is computed
+EIGENFUNCTIONS = 30  # those by which the commutator of a map with the Laplacian is computed
 _COTANGENT_RANGE = (0.01, 20.0)  # clips the edge weights, since those of slivers diverge
 _HEAT_TIMES = (0.01, 0.05)
 _CURVATURE_SCALES = (0.045, 0.1)  # lengths, in sqrt(area), that smooth the mean curvature
@@ -34,7 +34,7 @@ _CURVATURE_MAX = 30.0  # a larger mean curvature, in 1 / sqrt(area), is a crease
 
 
 class CoarseShape(NamedTuple):
-    """A surface scaled to unit area, with V vertices."""
+    """A coarse surface of V vertices, scaled to unit area, with data to compare maps."""
 
     mesh: TriangleMesh
     areas: FloatArray  # (V,), areas with the sum 1

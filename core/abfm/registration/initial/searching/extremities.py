@@ -21,7 +21,7 @@ from abfm.types import FloatArray, IntArray
 
 ENDS_MIN = 3  # smallest number of ends that determine a map
 _ENDS_MAX = 6
-_RADIUS = 0.25  # sqrt(area), within which the mean distance of an end is the largest
+_RADIUS = 0.25  # sqrt(area); an end has the largest mean distance within this radius
 _AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area), radii of the discs whose areas are compared
 _AREA_OFFSET = 0.003  # share of the total area, added to areas before the logarithm
 _AREA_WEIGHT = 0.5

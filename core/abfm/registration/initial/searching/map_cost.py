@@ -30,7 +30,10 @@ class MapCost(NamedTuple):
     side: float  # 1 if the map preserves the orientation everywhere, -1 if it reverses it
 
     def total(self, side: int = 1) -> float:
-        """Return the sum, with a penalty for an orientation different from ``side``, 1 or -1."""
+        """Return the weighted sum of the parts, plus a penalty for the wrong orientation.
+
+        ``side`` is the right one: 1, or -1 for a map onto the mirror image.
+        """
         wrong = _WRONG_SIDE_COST * (side * self.side < 0)
         return self.energy + self.descriptors + _COMMUTATOR_WEIGHT * self.commutator + wrong
 
@@ -94,7 +97,10 @@ def side(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> float:
 
 
 def _commutator(codomain: CoarseShape, domain: CoarseShape, vertices: IntArray) -> float:
-    """Return ``2 |C L - L C| / (|C L| + |L C|)`` for the functional map C and Laplacians L."""
+    """Return the relative commutator of a vertex map, by its functional map C and Laplacian L.
+
+    It is ``2 |C L - L C| / (|C L| + |L C|)``.
+    """
     size = min(len(codomain.eigenvalues), len(domain.eigenvalues))
     transferred = codomain.eigenfunctions[vertices, :size]
     C = domain.eigenfunctions[:, :size].T @ (domain.areas[:, None] * transferred)

@@ -30,11 +30,14 @@ class TwoWayMap(NamedTuple):
 
     to_a: IntArray  # (V_B,), a vertex of A for each of B
     to_b: IntArray  # (V_A,), a vertex of B for each of A
-    images: FloatArray  # (V_B, 8), in coordinates of A
+    images: FloatArray  # (V_B, 8), images of B's vertices, in coordinates of A
 
 
 def two_way_map(a: CoarseShape, b: CoarseShape, to_a: IntArray) -> TwoWayMap:
-    """Return the map to A with a map back, from vertices of A to those with the closest images."""
+    """Return the map to A, given by the vertices ``to_a`` (V_B,), with a map back to B.
+
+    The map back takes each vertex of A to the vertex of B with the closest image.
+    """
     images = a.coordinates[to_a]
     return TwoWayMap(to_a, nearest(a.coordinates, images), images)
 
@@ -88,7 +91,7 @@ class _System:
         self._fixed = self._matrix.data[self._diagonal]
 
     def images(self, other: CoarseShape, to_other: IntArray, from_other: IntArray) -> FloatArray:
-        """Return the images (V, 8) in coordinates of the other surface.
+        """Return the images (V, 8) of the vertices, in coordinates of the other surface.
 
         ``to_other`` (V,) and ``from_other`` are the vertex maps in both directions.
         """
@@ -103,9 +106,9 @@ class _System:
 
 
 def _nearest(rows: list[FloatArray], others: list[FloatArray]) -> IntArray:
-    """Return the index in ``others`` of the row nearest to each of ``rows``, given by columns.
+    """Return the index of the row of ``others`` nearest to each row of ``rows``.
 
-    Single precision is sufficient.
+    Both are lists of blocks of columns. Single precision is sufficient.
     """
     one, other = (np.hstack(parts).astype(np.float32) for parts in (rows, others))
     return nearest(one, other)

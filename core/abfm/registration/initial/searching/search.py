@@ -49,9 +49,9 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 KINDS = ("spectral", "extremities", "embedding", "closest", "landmarks")
-_VERTICES = 1000
-_SCREENED_VERTICES = 400
-_PENALTIES = np.geomspace(0.05, 10, 12)
+_VERTICES = 1000  # vertices of the coarse surfaces
+_SCREENED_VERTICES = 400  # vertices for the selection of matchings
+_PENALTIES = np.geomspace(0.05, 10, 12)  # ascending penalties of a relaxation, see `relax`
 _SCREENING_PENALTIES = np.geomspace(0.05, 10, 6)
 _POLISHING_PENALTIES = np.geomspace(0.5, 10, 6)
 _ITERATIONS = 2  # iterations of a relaxation at each penalty
@@ -127,7 +127,7 @@ class Pair(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A candidate before relaxation."""
+    """A candidate for the initial map, before relaxation."""
 
     kind: str  # kind, one of `KINDS`
     side: int  # 1, or -1 for the mirror image
@@ -141,7 +141,7 @@ class Start(NamedTuple):
 
 
 class Relaxed(NamedTuple):
-    """A candidate after relaxation."""
+    """A candidate for the initial map, after relaxation."""
 
     start: Start
     found: TwoWayMap
@@ -215,7 +215,10 @@ class _Search:
         return SpectralSearch(given.a, given.b, given.landmarks, functions)
 
     def polished(self, best: Relaxed) -> PointMap:
-        """Relax the best map further; return it on all vertices of B, with exact landmarks."""
+        """Relax the best map further, and return it on all vertices of B.
+
+        Landmarks of B are mapped to those of A.
+        """
         pair, given = self.pair(_VERTICES), self.given
         found = pair.relax(
             best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _ITERATIONS
@@ -478,7 +481,7 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 
 
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
-    """Return the most accurate of the candidates that are equivalent to the best one.
+    """Return the most accurate of the candidates whose maps nearly agree with the best one.
 
     A candidate by the alignment of congruent surfaces is preferred, then one by eigenfunctions.
     """
