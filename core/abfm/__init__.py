@@ -6,8 +6,9 @@
 Names and packages are imported when they are first used, so that a program that only reads meshes
 starts without the solver. Each ``__init__.pyi`` lists the names of its package.
 
-Bad input raises a subclass of `AbfmError` (a function, a mesh, a parameter, a file, or a flow that
-is too long). The message reports the value and the expected input.
+Invalid input raises a subclass of `AbfmError`, for example `FunctionError`, `MeshError` or
+`ParameterError`. An `AdvectionError` reports a flow that is too long. The message reports the value
+and the expected input.
 """
 
 import pkgutil

@@ -13,7 +13,7 @@ def asset_names() -> list[str]:
 
 
 def asset_path(name: str) -> Path:
-    """Return the path of an installed file such as ``human_A.off``; MeshError if there is none."""
+    """Return the path of an installed file such as ``human_A.off``; MeshError if it is missing."""
     names = asset_names()
     if name not in names:
         known = ", ".join(names) or "none"
@@ -24,6 +24,6 @@ def asset_path(name: str) -> Path:
 
 
 def _folder() -> Path:
-    """Return the folder of the data: in the package, or in the repository (editable install)."""
+    """Return the folder of the meshes: in the package, or in the repository (editable install)."""
     here = Path(__file__).resolve().parent
     return here / "assets" if (here / "assets").is_dir() else here.parents[1] / "assets"

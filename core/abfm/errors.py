@@ -28,7 +28,7 @@ class AbfmWarning(UserWarning):
 
 
 class Remedy(NamedTuple):
-    """Options of `abfm.load_mesh` that make a mesh usable, and what the result preserves."""
+    """Options of `abfm.load_mesh` that make a mesh usable, and the properties that these keep."""
 
     options: Mapping[str, Any]
     button: str
@@ -50,7 +50,7 @@ class MeshError(AbfmError):
     remedies: tuple[Remedy, ...] = ()
 
     def in_file(self, name: str) -> "MeshError":
-        """Return the same error with the name of the file in front."""
+        """Return this error with the name of a file at the beginning of its message."""
         found = MeshError(f"{name}: {self}")
         found.problem, found.remedies = self.problem, self.remedies
         return found
@@ -76,7 +76,7 @@ class ParameterError(AbfmError):
 
 
 class ColumnError(ParameterError):
-    """A missing or wrong value of a ``column`` of a table, or of the option with the same name."""
+    """A missing or wrong value in a ``column`` of a table, or in the option of the same name."""
 
     def __init__(self, column: str, text: str) -> None:
         super().__init__(f"column {column}{text}")
@@ -86,7 +86,7 @@ class ColumnError(ParameterError):
         return type(self), (self.column, self._text)
 
     def message_with(self, name: str) -> str:
-        """Return the message with the name of an option instead of that of the column."""
+        """Return the message with the name of an option in place of the name of the column."""
         return one_line(f"{name}{self._text}", MESSAGE_LENGTH_MAX)
 
 

@@ -84,7 +84,7 @@ def _names(path: File) -> set[str]:
 
 
 def _task(names: set[str]) -> type[Task] | None:
-    """Return the type of task whose result has entries of these names."""
+    """Return the type of task whose result file has arrays of these names; None if none fits."""
     fitting = [task for task in _TASKS if task.file.required_entries <= names]
     return max(fitting, key=lambda task: len(task.file.required_entries), default=None)
 

@@ -45,7 +45,7 @@ class Outcome(StrEnum):
 
     @property
     def tone(self) -> Tone:
-        """Colour of the outcome."""
+        """Name of the theme colour that shows the outcome."""
         if self is Outcome.NEARLY:
             return "warning"
         if self is Outcome.MISSING:
@@ -91,7 +91,7 @@ def worse_residual(residual: Any, verified: Any) -> Any:
 
 
 def outcome_of(residual: float, goal: float) -> Outcome:
-    """Return the outcome of a residual by its size alone."""
+    """Return the outcome matched, nearly or not reached, from the size of a residual alone."""
     if residual <= goal:
         return Outcome.MATCHED
     return Outcome.NEARLY if residual <= max(RESIDUAL_NEARLY, goal) else Outcome.NOT_REACHED
@@ -136,13 +136,16 @@ class Facts:
 
     @property
     def needs_help(self) -> bool:
-        """Whether the result has warnings or an outcome other than matched or registered."""
+        """Whether the result is incomplete, has warnings, or is neither matched nor registered."""
         is_plain = self.outcome in (Outcome.MATCHED, Outcome.REGISTERED) and self.is_complete
         return not is_plain or bool(self.warnings)
 
     @property
     def tone(self) -> Tone:
-        """Colour of the result; a good outcome with warnings has the colour of a warning."""
+        """Name of the theme colour that shows the result.
+
+        An incomplete result, or a good one with warnings, has the colour of a warning.
+        """
         if not self.is_complete or (self.outcome.tone == "good" and self.warnings):
             return "warning"
         return self.outcome.tone

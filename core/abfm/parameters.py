@@ -48,7 +48,10 @@ PAPER: dict[str, Any] = {
 
 
 class Range(NamedTuple):
-    """Allowed numbers of a parameter: 0, or from `VALUE_MIN`, within ``low`` and ``high``."""
+    """Allowed numbers of a parameter: from ``low`` to ``high``, and 0 or at least `VALUE_MIN`.
+
+    If ``without_low``, the number ``low`` itself is not allowed.
+    """
 
     low: float
     high: float = _VALUE_MAX
@@ -239,7 +242,7 @@ class Parameters(Settings):
 
     @property
     def last_sigma(self) -> float:
-        """The smallest sigma of the continuation: the given one, or `LAST_SIGMA`."""
+        """The smallest sigma of the continuation: `sigma`, or `LAST_SIGMA` if `sigma` is None."""
         return LAST_SIGMA if self.sigma is None else self.sigma
 
     def stage_sigmas(self) -> list[float]:
@@ -319,7 +322,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 
 def option(name: str) -> str:
-    """Return the option or column name of a Python name."""
+    """Return the name of an option or column: ``max-distortion`` for ``max_distortion``."""
     return name.replace("_", "-")
 
 
@@ -364,8 +367,8 @@ _FACTOR = 10.0
 class TableRow:
     """A row of Table 1.
 
-    A starred sigma of the table is ``cooled``: it is the first of three stages, each with a tenth
-    of the sigma before.
+    If ``cooled``, the sigma has a star in the table. It is then the first of three stages, each
+    with a tenth of the sigma before.
     """
 
     figure: int

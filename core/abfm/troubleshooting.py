@@ -68,7 +68,7 @@ def summary(name: str) -> str:
 
 
 def groups() -> dict[str, list[str]]:
-    """Return the names of the sections by the heading above them."""
+    """Return the names of the sections under each heading of the page."""
     found: dict[str, list[str]] = {}
     for name, (group, _) in _sections().items():
         found.setdefault(group, []).append(name)
@@ -89,7 +89,7 @@ def _sections() -> dict[str, tuple[str, str]]:
 
 
 def _path() -> Path:
-    """Return the path of the page: in the package, or in the repository (editable install)."""
+    """Return the path of the page: in the package, or in the repository of an editable install."""
     here = Path(__file__).resolve().parent
     installed = here / _FILE
     return installed if installed.is_file() else here.parents[1] / "docs" / "howto" / _FILE

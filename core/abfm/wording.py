@@ -25,13 +25,13 @@ def sentence(text: str) -> str:
 def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
     """Return a number with its noun: ``1 iteration``, ``2 iterations``.
 
-    ``plural`` is a plural without a final s, or a phrase with a verb.
+    ``plural`` replaces the noun with a final s, for example if a verb follows the noun.
     """
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
 def share(value: float) -> str:
-    """Return a share in percent: ``0.7%``, ``2.6%``, ``33%``.
+    """Return a share as text in percent: ``0.7%``, ``2.6%``, ``33%``.
 
     Shares are rounded up, so that a share above a bound is never printed as equal to the bound.
     """
@@ -49,15 +49,15 @@ def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str
 
 
 def percents(share: float | None, digits: str = ".2g") -> str:
-    """Return a share in percent; ``-`` if it is None or NaN."""
+    """Return a share as text in percent; ``-`` if it is None or NaN."""
     return "-" if share is None else number_text(100 * share, digits, "%")
 
 
 def factor(log2: float) -> str:
-    """Return 2 to a power with two significant digits: ``1.2``, ``10``, ``330``."""
+    """Return 2 to the power ``log2`` with two significant digits: ``1.2``, ``10``, ``330``."""
     return f"{float(f'{2 ** min(log2, _LOG2_MAX):.2g}'):g}"
 
 
 def value(number: float, span: float) -> str:
-    """Return a value with three digits, or 0 below 1e-6 of ``span`` (a rounding error)."""
+    """Return a number as text with three digits, or 0 below 1e-6 of ``span`` (a rounding error)."""
     return f"{0 if abs(number) < 1e-6 * span else number:.3g}"

@@ -1,4 +1,4 @@
-"""Matches of figures by a batch: the matches of all figures are solved at once and stored."""
+"""Batch of the matches of all figures: rows to be solved at once, and their stored results."""
 
 import os
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from abfm.experiments.scripts import RequestedMatch
 def rows_of(
     figure: int, requested: Sequence[RequestedMatch], folder: str | os.PathLike[str]
 ) -> list[Row]:
-    """Write the matches that a figure's script requests to a folder; return a row for each."""
+    """Write the problems that a figure's script has requested to files; return a row for each."""
     return [
         problem_row(each.problem, folder, f"figure {figure}, {each.text}") for each in requested
     ]
@@ -21,8 +21,8 @@ def rows_of(
 def matches_of(requested: Sequence[RequestedMatch], entries: Sequence[LedgerEntry]) -> list[Match]:
     """Load the stored results of a figure's matches, in the order of the requested matches.
 
-    The numbers equal those of newly solved matches in every bit, except the fields of earlier steps
-    of the path.
+    All numbers equal those of newly solved matches in every bit, except the fields of earlier steps
+    of the path, which result files round.
 
     Raises
     ------

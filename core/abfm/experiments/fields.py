@@ -18,7 +18,7 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A surface with a field (F, 3); several cases may have the same name."""
+    """A surface with its name and a field ``v`` (F, 3); several cases may have the same name."""
 
     name: str
     mesh: TriangleMesh
@@ -26,12 +26,15 @@ class Case:
 
 
 def sizes_text(levels: Sequence[Case]) -> str:
-    """Return the name of a surface with its numbers of vertices, coarse to fine."""
+    """Return the name of a surface and the vertex counts of its meshes, coarse to fine, as text."""
     return size_text(levels[-1].name, *(level.mesh for level in levels))
 
 
 def field_example(case: Case, name: str) -> Example:
-    """Return an example: a Gaussian where the field of a case is fastest, advected until t = 1."""
+    """Return the example of a case: a Gaussian, advected along the field ``v`` until t = 1.
+
+    The centre of the Gaussian is the vertex where the field is fastest.
+    """
     fastest = int(np.argmax(speed(case.mesh, case.v)))
     source = gaussian(case.mesh, fastest, 0.1)
     return advection_example(Flow(case.mesh, case.v), name, source, "file:advected.npy")
@@ -40,8 +43,8 @@ def field_example(case: Case, name: str) -> Example:
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """Return a smooth divergence-free field (F, 3), tangent to the boundary.
 
-    It is the rotated gradient of a sum of eigenfunctions, whose numbers and weights are ``modes``.
-    Its root mean square is ``speed``, in sqrt(area) per unit of time.
+    It is the rotated gradient of a sum of eigenfunctions. ``modes`` has their weights by their
+    numbers. The root mean square of the field is ``speed``, in sqrt(area) per unit of time.
     """
     basis = calculus.unit_eigenbasis(mesh, max(modes) + 1)[1]
     field = gradient_field(
@@ -59,7 +62,7 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
 
 
 def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
-    """Return the rotated gradient of an eigenfunction, shape (F, 3), tangent to the boundary.
+    """Return the rotated gradient (F, 3) of eigenfunction ``index``, tangent to the boundary.
 
     Its root mean square is ``speed``, in sqrt(area) per unit of time.
     """
@@ -85,13 +88,13 @@ def gradient_field(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> F
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
-    """Scale a field (F, 3) to a root mean square speed, in sqrt(area) per unit of time."""
+    """Return a field (F, 3), scaled to the root mean square ``speed``, in sqrt(area) per time."""
     areas = face_areas(mesh)
     return float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))) * field
 
 
 def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
-    """Return the tangential parts, shape (F, 3), of one vector per face (F, 3)."""
+    """Return the components (F, 3) tangent to the surface of one vector per face (F, 3)."""
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
@@ -102,7 +105,8 @@ def face_centres(mesh: TriangleMesh) -> FloatArray:
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
     """Return a torus, the distances (F,) of its faces from the axis, and two fields (F, 3).
 
-    The first field rotates about the axis, and the second one around the tube.
+    The torus has ``n`` vertices around its axis. The first field rotates about the axis, and the
+    second one around the tube.
     """
     mesh = torus(n, n // 2)
     x, y, z = face_centres(mesh).T
@@ -138,12 +142,12 @@ def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> flo
 
 
 def departure_points(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the points (T, V, 3) of backward flow lines from the vertices, after T durations."""
+    """Return the points (T, V, 3) of backward flow lines from the vertices at T ``times``."""
     starts = project_onto_surface(mesh, mesh.vertices)
     lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])
 
 
 def advected_values(mesh: TriangleMesh, places: FloatArray, f: FloatArray) -> FloatArray:
-    """Return an advected function (T, V): values of ``f`` (V,) at departure points (T, V, 3)."""
+    """Return ``f`` (V,) advected, (T, V): its values at the departure points (T, V, 3)."""
     return np.array([project_onto_surface(mesh, points).pull_back(f) for points in places])

@@ -54,7 +54,10 @@ def figure_3(setup: FigureSetup) -> Script:
 def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
-    """Match a Gaussian at one of three vertices to two, of the same total mass, at the others."""
+    """Match a Gaussian at the first vertex of ``ends`` to two Gaussians at the other two.
+
+    Source and target have the same total mass.
+    """
     centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (
@@ -148,10 +151,10 @@ def match_one_to_two(
 
 
 def advected_by_stage(found: Match) -> Iterator[FloatArray]:
-    """Yield, for the field at the end of each stage of sigma, the source (V,) advected until tau.
+    """Yield the source (V,), advected until tau along the field of each stage of sigma.
 
-    All fields except the last one are rounded as in result files, so that stored and new matches
-    give equal numbers.
+    These are the fields at the end of the stages. All fields except the last one are rounded as in
+    result files, so that stored and new matches give equal numbers.
     """
     for step in found.path[:-1]:
         field = as_stored(step.velocity, found.mesh)
@@ -160,7 +163,7 @@ def advected_by_stage(found: Match) -> Iterator[FloatArray]:
 
 
 def distant_vertices(mesh: TriangleMesh) -> tuple[int, ...]:
-    """Return three distant vertices by farthest point sampling, with the closest pair last."""
+    """Return three distant vertices by farthest point sampling, the closest two last."""
     ends = [int(geodesic_distance(mesh, [0]).argmax())]
     distances = [geodesic_distance(mesh, ends)]
     for _ in range(2):

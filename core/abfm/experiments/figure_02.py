@@ -125,11 +125,11 @@ def figure_2(setup: FigureSetup) -> Script:
 
 
 def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
-    """Compare a flow with exact flow lines: return two differences, each of shape (T,).
+    """Return two differences between a flow and exact flow lines by name, each of shape (T,).
 
     One is the relative L2 difference between ``f`` advected by the flow and ``f`` at the ends of
-    the flow lines. The other compares the images of the vertices under the flow's point map with
-    these ends. It is the root mean square distance in sqrt(area).
+    backward flow lines from the vertices. The other is the root mean square distance, in
+    sqrt(area), between these ends and the points to which the flow maps the vertices.
     """
     mesh = flow.mesh
     places = fields.departure_points(mesh, flow.velocity[0], times)

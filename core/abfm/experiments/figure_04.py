@@ -50,7 +50,7 @@ _CLAIMS = {
 
 
 def figure_4(setup: FigureSetup) -> Script:
-    """Compare one linear step (Eq. 5), many steps, the exponential (Eq. 4) and flow lines."""
+    """Compare advection by one or many steps of Eq. 5, the exponential (Eq. 4) and flow lines."""
     mesh, name = setup.surface("five limbs", five_limbs, 800 if setup.small else 5000)
     velocity = fields.stream_field(mesh, _MODES, _RMS_DISPLACEMENT)
     derivative = directional_derivative(mesh, to_frame(mesh, velocity))
@@ -134,7 +134,10 @@ def frequency_bound(derivative: Matrix) -> float:
 
 
 def linear_steps(derivative: Matrix, f: FloatArray, step: float, steps_between: int) -> FloatArray:
-    """Advect ``f`` by steps of Eq. 5; return (T, V), its values every ``steps_between`` steps."""
+    """Advect ``f`` by linear steps (Eq. 5) of duration ``step``.
+
+    Return the advected functions (T, V), beginning with ``f``, after every ``steps_between`` steps.
+    """
     states = [f]
     for _ in _TIMES[1:]:
         for _ in range(steps_between):

@@ -95,13 +95,17 @@ def figure_5(setup: FigureSetup) -> Script:
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
-    """Return the relative L2 error of a field ``u``, which is determined only up to a factor."""
+    """Return the relative L2 difference between fields ``u`` and ``exact``.
+
+    Both fields are determined only up to a factor, and are therefore scaled to the same norm and
+    sign.
+    """
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
-    """Return rotations of two surfaces of revolution, each on meshes from coarse to fine."""
+    """Return a gourd and a torus with their rotations, on meshes from coarse to fine."""
     return [[on_gourd(6 * k) for k in sizes], [on_torus(24 * k) for k in sizes]]
 
 
@@ -111,14 +115,14 @@ def rotation(mesh: TriangleMesh) -> FloatArray:
 
 
 def on_torus(n: int) -> Case:
-    """Return the rotation of a torus; it commutes with the harmonic field around the tube."""
+    """Return a torus with its rotation ``v``, and the harmonic field around the tube as ``u``."""
     mesh, ring, _, around = fields.angular_torus(n)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
     return Case("torus", mesh, rotation(mesh), fields.tangential_part(mesh, around), 0.0)
 
 
 def on_gourd(frequency: int) -> Case:
-    """Return the rotation of a gourd; it commutes with the gradient of the first eigenfunction."""
+    """Return a gourd with its rotation ``v``, and the gradient of an eigenfunction as ``u``."""
     mesh = gourd(frequency)
     polar, slope, roughness_of_u = first_on_meridian()
     x, y, z = points = fields.face_centres(mesh).T
@@ -141,10 +145,11 @@ def on_gourd(frequency: int) -> Case:
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:
-    """Compute the first eigenfunction that is constant on the circles, by finite volumes.
+    """Compute the first eigenfunction of the gourd that is constant on circles around its axis.
 
-    Return the angles (count + 1,) of points on the meridian, the slopes (count + 1,) of the
-    eigenfunction there, and the eigenvalue times the area.
+    The method is finite volumes, with ``count`` cells on the meridian. Return the angles of ``count
+    + 1`` points on the meridian, the slopes of the eigenfunction there, and the eigenvalue times
+    the area.
     """
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)

@@ -27,7 +27,10 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """A surface with fields ``v`` and ``u``, and a function of time for the exact pushforward."""
+    """A surface with fields ``v`` and ``u``.
+
+    ``exact`` returns the exact pushforward of ``u`` along ``v`` at a time; None if it is unknown.
+    """
 
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
@@ -74,7 +77,7 @@ def figure_6(setup: FigureSetup) -> Script:
 
 
 def against_exact(levels: Sequence[Case]) -> list[Measure]:
-    """Compare the pushforward with the exact one, on meshes of a surface from coarse to fine."""
+    """Measure the error of the pushforward against the exact one, on the two finest meshes."""
     name, transports = levels[-1].name, "the pushforward transports u over the flow lines of v"
     coarse, fine = (
         [case.error(case.pushed(t), t) for t in (*_TIMES, *_MORE_TIMES)] for case in levels[-2:]
@@ -94,7 +97,12 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
 
 
 def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measure]:
-    """Compare derivatives of advected functions by the pushed field with advected derivatives."""
+    """Compare derivatives of advected coordinates with advected derivatives of coordinates.
+
+    Derivatives along ``u`` are advected along ``v``. They should equal the derivatives of the
+    advected coordinates along the pushforward of ``u``. ``pushed`` has the pushforward for each
+    time.
+    """
     mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
     measures = []
     for t, field in pushed.items():
@@ -147,7 +155,11 @@ def on_sphere(frequency: int) -> Case:
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return a torus with its rotation about the axis, an isometry, or around the tube, not one."""
+    """Return a torus with a rotation as ``v``.
+
+    The rotation is about the axis, which is an isometry. If ``around_tube``, it is around the tube,
+    which is not an isometry.
+    """
     mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.face_centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
@@ -170,8 +182,9 @@ def on_torus(n: int, around_tube: bool) -> Case:
 def on_any(mesh: TriangleMesh, name: str) -> Case:
     """Return a mesh with two rotated gradients of eigenfunctions as fields.
 
-    The first has the highest speed for which the pushforward of the second is stable. The
-    pushforward may be unstable on thin and folded faces.
+    The first field has the highest tried speed for which the pushforward of the second field is
+    stable. The pushforward may be unstable on thin and folded faces. Raise a MeshError if no speed
+    is stable.
     """
     stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
     for speed in _SPEEDS:

@@ -26,7 +26,7 @@ _ENERGY_RATIO_MAX = 1.5  # largest ratio of the Dirichlet energy of a path to th
 
 
 def figure_7(setup: FigureSetup) -> Script:
-    """Match eigenfunction 7 to eigenfunction 8, where the constant has number 0."""
+    """Match eigenfunction 7 to eigenfunction 8 by linear steps; the constant has number 0."""
     mesh, name = setup.surface("five limbs", five_limbs, 800 if setup.small else 2500)
     f, g = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
     sign, target = "", "eigenfunction:8"
@@ -65,7 +65,10 @@ def figure_7(setup: FigureSetup) -> Script:
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """Measure how smooth a path of functions (N + 1, V) is: steps, length and Dirichlet energy."""
+    """Measure the smoothness of a path of functions (N + 1, V): length, steps, Dirichlet energy.
+
+    The energy is compared with that of the first function and of ``target``.
+    """
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()

@@ -35,11 +35,12 @@ _DRIFT_MAX = 0.05
 
 
 def figure_9(setup: FigureSetup) -> Script:
-    """Match the coordinates to their images under a rotation, also with variants.
+    """Match the coordinates to their images under a rotation by 180 degrees, and two variants.
 
-    The variants are one function instead of three coordinates, and no cooling of sigma.
+    One variant matches one function instead of three coordinates, and the other does not cool
+    sigma. On the default mesh, a function is also matched to its mirror image.
 
-    On the default mesh, a function is also matched to its mirror image.
+    A mesh without such a rotation has a mirror plane instead, and only one match.
     """
     mesh, name = setup.surface("two arms", two_armed, 3 if setup.small else 4)
     # Rotations to the left and to the right fit equally well at first. Without cooling to the
@@ -138,7 +139,10 @@ def figure_10(setup: FigureSetup) -> Script:
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
-    """Return the rotation of a mesh by 180 degrees or else its mirror plane, or raise MeshError."""
+    """Return the rotation of a mesh by 180 degrees or, if there is none, its mirror plane.
+
+    Raise a MeshError if the mesh has neither.
+    """
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:
@@ -174,7 +178,10 @@ class SymmetryScene:
         return self.symmetry.kind == "rotation"
 
     def example(self, p: Parameters) -> Example:
-        """Return the match of coordinates to rotated ones or, for a mirror, of a Gaussian."""
+        """Return the match of functions to their symmetric images as an example.
+
+        The functions are the coordinates for a rotation, and a Gaussian for a mirror.
+        """
         sources = (
             self.coordinate_specs()
             if self.is_rotation
@@ -196,7 +203,10 @@ class SymmetryScene:
 
     @cached_property
     def marked_vertices(self) -> list[int]:
-        """Three vertices to show: the one displaced most in front, its image, and a distant one."""
+        """Three vertices to show.
+
+        These are the vertex in front with the largest displacement, its image, and a distant one.
+        """
         mesh, x = self.mesh, self.mesh.vertices
         front = np.ones(len(x), dtype=bool)
         if self.is_rotation:
@@ -211,7 +221,7 @@ class SymmetryScene:
         return scripts.gaussian(self.mesh, vertex, _GAUSSIAN_WIDTH)
 
     def coordinate_specs(self) -> tuple[str, ...]:
-        """Return the text forms of the coordinates, centred and in units of sqrt(area)."""
+        """Return specifications of the coordinates, centred and in units of sqrt(area)."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -225,19 +235,23 @@ class SymmetryScene:
 
     @property
     def sample(self) -> IntArray:
-        """Evenly selected vertices for measurements; exact geodesics for all would be too slow."""
+        """Indices of evenly selected vertices; measurements at all would be too slow."""
         count = len(self.mesh.vertices)
         return np.linspace(0, count - 1, min(_SAMPLE_VERTICES, count)).astype(np.int64)
 
     def mean_errors(self, *matches: Match) -> list[float]:
-        """Return the mean error of each match's map at tau, as geodesic distance in sqrt(area)."""
+        """Return the mean geodesic distance of each map at tau from the symmetry, in sqrt(area)."""
         rows = self.sample
         ends = [match.flow.coordinate_map().points[rows] for match in matches]
         found = geodesics(self.mesh, self.symmetry.vertex_map[rows], *ends)
         return [float(distances.mean()) for distances in found]
 
     def measures_of(self, match: Match) -> list[Measure]:
-        """Measure the mismatch, map error and drift of a match; compare its map with flow lines."""
+        """Measure the mismatch, map error and drift of a match; compare its map with flow lines.
+
+        The map error is the distance of the map at tau from the symmetry. The drift is the distance
+        of points at 2 tau from their starts, to which they should return.
+        """
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.flow.coordinate_map(2 * tau).points[rows])
         starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
@@ -275,7 +289,7 @@ class SymmetryScene:
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:
-        """Return panels with coordinates as colours and marked points, both moved by the flow."""
+        """Return panels in which a flow moves coordinates, shown as colours, and marked points."""
         panels = []
         for share, label in _SHOWN_TIMES.items():
             time = share * match.parameters.tau
@@ -296,7 +310,10 @@ class SymmetryScene:
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Return the geodesic distances (K, P) in sqrt(area) of P vertices from K sets of P points."""
+    """Return the geodesic distances (K, P), in sqrt(area), of P vertices from K sets of P points.
+
+    Each distance is from a vertex to the point with the same index in a set.
+    """
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
     is_distant = np.array(
         [(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends]
@@ -313,7 +330,11 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Return panels of the function that changes most: source, target, result, field and norm."""
+    """Return panels of the channel that changes most, and of the field and its norm.
+
+    The panels of the channel are source, target and result. ``bar`` is the title of their colour
+    bars.
+    """
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))

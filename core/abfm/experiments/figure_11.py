@@ -274,7 +274,10 @@ class Poses:
         return cls(a, b, name, description, start, functional_map(truth, modes))
 
     def example(self, row: TableRow, axes: list[int], small: bool) -> Example:
-        """Return the match on B of the coordinates ``axes`` of A."""
+        """Return the match, on B, of the coordinates of A with the indices ``axes``.
+
+        The parameters are those of a row of Table 1. If ``small``, there are fewer iterations.
+        """
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
         target = transfer(self.a, self.b, self.true_map, places)[:, axes]
@@ -284,7 +287,7 @@ class Poses:
         return Example(problem, self.name, specs)
 
     def setting(self, problem: Problem, axes: list[int]) -> str:
-        """Return a description of the match."""
+        """Return a description of a match: mesh, functions, initial map, targets and parameters."""
         k = len(self.true_map)
         return (
             f"{scripts.size_text(self.description, self.b)}. Functions: coordinates "
@@ -295,7 +298,7 @@ class Poses:
         )
 
     def checker(self, functions: FloatArray) -> Checker:
-        """Return a checkerboard of two coordinate functions (V, 2), equally fine on both poses."""
+        """Return a checkerboard of two coordinates (V, 2), with equal squares on both poses."""
         extent = np.ptp(coordinates(self.a), axis=0).max()
         return Checker(functions * (0.5 * _CHECKER_FIELDS / extent))
 
@@ -308,7 +311,7 @@ def coordinates(mesh: TriangleMesh) -> FloatArray:
 
 
 def remaining_ratio(after: float, before: float) -> float:
-    """Return the mismatch after a match divided by that before; 1 if that before is zero."""
+    """Return the ratio of the mismatch after a match to that before it; 1 if ``before`` is 0."""
     return after / before if before > 0 else 1.0
 
 
@@ -335,7 +338,7 @@ def bend_mesh(mesh: TriangleMesh) -> TriangleMesh:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Matches by all methods, the coordinates that they advect, and the recovered maps."""
+    """Matches by all methods, the coordinates advected by their flows, and the recovered maps."""
 
     one: Match
     three: Match
@@ -350,7 +353,11 @@ class Comparison:
 def compare(
     poses: Poses, problem: Problem, setup: FigureSetup
 ) -> Generator[Sequence[RequestedMatch], Sequence[Match], Comparison]:
-    """Match by all methods, as a part of a script; pose B caches the result for both figures."""
+    """Match by all methods; a common part of the scripts of figures 12 and 13.
+
+    It requests the matches of `requests_on`. The mesh of pose B caches the comparison, so that the
+    other figure requests none.
+    """
     b, key = poses.b, (__name__, problem.parameters, poses.true_map.shape)
     if key in b.cache:
         yield ()
@@ -393,7 +400,11 @@ def comparison_of(
     maps_without: Mapping[str, PointMap],
     matches: Sequence[Match],
 ) -> Comparison:
-    """Match in the reduced basis; recover maps from this and from the matches of `requests_on`."""
+    """Match in the reduced basis; recover maps from this match and from those of `requests_on`.
+
+    ``matches`` are the solved matches of `requests_on`, and ``maps_without`` are the maps of
+    `maps_without_flow`.
+    """
     a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.true_map), problem.source
     one, three, *others = matches
     read = dict(maps_without)
@@ -428,7 +439,10 @@ def comparison_of(
 
 
 def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
-    """Return, by name, the maps from the initial map and from targets (V, 3) without a flow."""
+    """Return, by name, the maps from B to A that are recovered without a flow.
+
+    They are recovered from the initial map or from the targets (V, 3), the coordinates of A on B.
+    """
     a, b, k = poses.a, poses.b, len(poses.true_map)
     zoomed = maps.zoom_out(a, b, functional_map(poses.start, _START_MODES), k, _ZOOM_OUT_STEP)
     return {
@@ -441,7 +455,11 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 
 
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
-    """Compose a map with a match's flow by flow lines and by nearest neighbours in k modes."""
+    """Compose a map from B to A with the flow of a match on B, by two methods.
+
+    One method is flow lines. The other is nearest neighbours by the functional map of the flow, in
+    ``k`` eigenfunctions. Return both maps by ``name`` and method.
+    """
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
@@ -450,14 +468,20 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
 
 
 def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from B to the closest points of A, for coordinates (V, 3) given on B."""
+    """Return the map from each vertex of B to the closest point of A.
+
+    ``functions`` (V, 3) on B are the coordinates of A that a vertex should have, see `coordinates`.
+    """
     a = poses.a
     origin = a.vertices[0] - coordinates(a)[0] * a.length_scale
     return PointMap.project(poses.b, a, functions * a.length_scale + origin)
 
 
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from B to the closest points of A by truncated coordinates (V, 3) on B."""
+    """Return the map from each vertex of B to the closest point of A in truncated coordinates.
+
+    ``functions`` (V, 3) on B are the `truncated_coordinates` of A that a vertex should have.
+    """
     a = poses.a
     found = maps.project_onto_surface(
         TriangleMesh(truncated_coordinates(a, len(poses.true_map)), a.faces), functions
@@ -473,7 +497,10 @@ def truncated_coordinates(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def with_flow_lines(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
-    """Compose a map from B to A with exact backward flow lines on B of fields (N, F, 3)."""
+    """Compose a map from B to A with exact backward flow lines on B.
+
+    The flow lines are those of fields (N, F, 3) from ``tau`` to 0.
+    """
     a, b = start.codomain, start.domain
     lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
     faces, places = zip(*((line.faces[-1], line.barycentric[-1]) for line in lines), strict=True)

@@ -1,6 +1,7 @@
 """Building blocks of the scripts of figures.
 
-A script yields its problem and the matches that it requests. Then it computes, measures and draws.
+A script is a generator. It yields an example and then the matches that it requests. At the end it
+returns its measurements and the picture to draw.
 """
 
 from __future__ import annotations
@@ -47,7 +48,10 @@ class FigureSetup:
     def surface(
         self, name: str, make: Callable[..., TriangleMesh], *arguments: Any
     ) -> tuple[TriangleMesh, str]:
-        """Return the mesh of the options and its name, or else the default mesh of the figure."""
+        """Return the mesh of the options and its name or, without one, the mesh of the figure.
+
+        The mesh of the figure is ``make(*arguments)``, and its name is ``name``.
+        """
         return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
 
     def match(self, requested: Sequence[RequestedMatch]) -> list[Match]:
@@ -100,8 +104,9 @@ class Example:
 class Measure:
     """A measured number, with its unit in the name, compared with a statement of the paper.
 
-    ``claim`` is the statement of the paper, and ``reproduces`` is whether the number supports it.
-    ``bound`` is an upper bound, if there is one. A number that is not finite raises MeshError.
+    ``claim`` is the statement of the paper. ``reproduces`` is true if the number supports it, and
+    None if there is no statement. ``bound`` is an upper bound, if there is one. A number that is
+    not finite raises MeshError.
     """
 
     name: str
@@ -194,7 +199,7 @@ def example_of(script: Script) -> Example:
 
 
 def requested_matches(script: Script) -> Sequence[RequestedMatch]:
-    """Run a script from its start until it requests matches, and return the requests."""
+    """Run a script until it requests matches, and return these; none if its example has a flow."""
     if example_of(script).flow is not None:
         return ()
     requested = next(script)
@@ -223,10 +228,11 @@ def findings_of(script: Script, matches: Sequence[Match] | None = None) -> Findi
 
 
 def example_in_subprocess(figure: int) -> tuple[Example, Match | None]:
-    """Create the example of a figure on its own mesh, in a subprocess.
+    """Create the example of a figure on its default mesh, in a subprocess.
 
-    In this process, computing eigenfunctions and geodesics would block a window. The second value
-    is the given flow, see `match_of_flow`. Raises AbfmError if the example cannot be created.
+    In this process, computing eigenfunctions and geodesics would block a window. Also return the
+    flow of the example as a match, or None if it has none (see `match_of_flow`). Raise an AbfmError
+    if the example cannot be created.
     """
     ended = f"figure {figure} could not be set up because its process ended; try again"
     with closing(Worker(no_state, ended)) as worker:
@@ -269,14 +275,14 @@ def bundled(name: str) -> TriangleMesh:
 
 
 def loop_subdivided(name: str, times: int) -> TriangleMesh:
-    """Subdivide a bundled mesh by Loop's scheme; each step has four times as many faces."""
+    """Return a bundled mesh after ``times`` subdivisions of each face into four (Loop's scheme)."""
     mesh = bundled(name)
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
     return TriangleMesh(shape.vertices, shape.faces)
 
 
 def size_text(name: str, *meshes: TriangleMesh) -> str:
-    """Return the name of a surface with its numbers of vertices, coarse to fine."""
+    """Return the name of a surface and the vertex counts of its meshes as text."""
     return f"{name}, {', '.join(f'{len(mesh.vertices):,}' for mesh in meshes)} vertices"
 
 
@@ -285,19 +291,28 @@ def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return an example: ``target``, the spec of a file, is the source advected by a flow."""
+    """Return the example whose target is the source advected by a flow.
+
+    ``source`` is the specification of the source, and ``target`` that of a file, as in `Example`.
+    """
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations, from 60, that takes about 30 s with three functions."""
+    """Return a number of iterations that takes about 30 s with three functions.
+
+    It is at least 60, but at most ``iterations_max``.
+    """
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
 def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...], str]:
-    """Verify a match; return measures, notes for the picture, and a text if a check is missing."""
+    """Verify a match; return measures, notes for the picture, and a text about missing checks.
+
+    The text is empty if all checks were made.
+    """
     try:
         verification = found.verify()
     except ParameterError as error:
@@ -321,7 +336,10 @@ def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...],
 def flow_map_measures(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
-    """Measure the maps of a flow at times that are given as shares of tau; return them by label."""
+    """Measure the maps of a match's flow at the times ``shares`` times tau; return them by label.
+
+    A label has ``name`` and the time.
+    """
     return {
         f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
             found.flow.coordinate_map(share * found.parameters.tau)
@@ -331,7 +349,10 @@ def flow_map_measures(
 
 
 def quality_measures(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return measures of the maps' folds and distances from the surface, and warning notes."""
+    """Return measures of named maps, and a note with the maps that are unreliable.
+
+    The measures are the share of folded faces, and distances from the surface.
+    """
     measures, faults = [], []
     for name, quality in qualities.items():
         measures += [

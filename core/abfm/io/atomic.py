@@ -2,10 +2,10 @@
 
 Temporary files are removed after errors and signals. Files of a killed process are removed by the
 next process that writes in the same folder. Each file is locked while it is in use, and the system
-releases the lock when the process ends. On Windows and on SMB shares a lock would also refuse the
-writer of the file. Files are not locked there, and are removed a week after their last change.
-Files of other computers are not touched, as their locks may not be visible. Python's `tempfile` and
-other libraries never remove files of killed processes.
+releases the lock when the process ends. On Windows and on SMB shares, a lock would also block the
+process that writes the file. Files are not locked there, and are removed a week after their last
+change. Files of other computers are not touched, as their locks may not be visible. Python's
+`tempfile` and other libraries never remove files of killed processes.
 """
 
 import os
@@ -64,7 +64,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _replace(temporary: Path, target: Path) -> None:
-    """Rename a file to replace another one; wait on Windows while a process has that one open."""
+    """Rename ``temporary`` to ``target``; on Windows, wait while a process has ``target`` open."""
     waits: tuple[float, ...] = _RETRY_SECONDS if sys.platform == "win32" else ()
     for seconds in waits:
         try:
@@ -76,7 +76,7 @@ def _replace(temporary: Path, target: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Write a folder to the disk, so that a rename survives a power cut."""
+    """Write the entries of a folder to the disk, so that a rename survives a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -91,7 +91,7 @@ def write_file(path: str | os.PathLike[str], content: bytes | str) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Check that `write_atomically` can write a path, before there is anything to write.
+    """Check that `write_atomically` could write a file, without writing it.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
-    """Create a file with a unique name; it is removed at the end, unless it was renamed."""
+    """Yield a new file or folder with a unique name; remove it at the end unless it was renamed."""
     remove_abandoned(folder)
     path = folder / f"{_PREFIX}{secrets.token_hex(6)}{suffix[:_SUFFIX_LENGTH_MAX]}"
     _in_use.add(path)  # before the file exists, as a signal may arrive in between
@@ -167,17 +167,17 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
 
 @contextmanager
 def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
-    """Create a private folder in a folder; it is removed at the end with all its contents.
+    """Yield a new private folder inside ``folder``; remove it at the end with all its contents.
 
-    The default is the folder of the system for temporary files. Raise an OSError if the folder
-    cannot be created.
+    The default of ``folder`` is the folder of the system for temporary files. Raise an OSError if
+    the new folder cannot be created.
     """
     with temporary_file(folder or Path(tempfile.gettempdir()), is_folder=True) as path:
         yield path
 
 
 def remove_temporary() -> None:
-    """Remove all temporary files of this process, before it ends immediately."""
+    """Remove all temporary files of this process, for use before it ends without cleaning up."""
     for path in list(_in_use):
         _remove(path)
 
@@ -222,9 +222,10 @@ def _locked(path: Path, flags: int = 0) -> int:
 
 
 def _is_readable(path: Path) -> bool:
-    """Return whether a locked file can be read; a lock on an SMB share refuses other descriptors.
+    """Return whether a locked file can be read.
 
-    See "CIFS details" in the Linux manual of flock(2).
+    On an SMB share, a lock refuses other descriptors of the file, even in the same process. See
+    "CIFS details" in the Linux manual of flock(2).
     """
     try:
         if not path.is_dir():
@@ -248,7 +249,11 @@ def _remove(path: Path) -> None:
 
 
 def remove_abandoned(folder: Path) -> None:
-    """Remove temporary files of ended processes in a folder, if they can be identified."""
+    """Remove temporary files of ended processes from a folder.
+
+    These are files that no process locks or, where files cannot be locked, files unchanged for a
+    week.
+    """
     with suppress(OSError):
         for path in list(folder.glob(f"{_PREFIX}*")):
             with suppress(OSError):  # another process uses it, or has removed it

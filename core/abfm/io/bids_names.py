@@ -56,8 +56,8 @@ def bids_name(
     """Return a BIDS name, without a folder, for a file derived from another one.
 
     The parts of the new name are those of the source's name, except for the arguments. Entities
-    have the order of BIDS; unknown ones of the source precede ``desc``. If the name of the source
-    is not a BIDS name, the hemisphere is used, and the suffix of a FreeSurfer name such as
+    have the order of BIDS; unknown ones of the source precede ``desc``. If the source does not have
+    a BIDS name, only its hemisphere is used, and the suffix of a FreeSurfer name such as
     ``lh.white``.
 
     Parameters
@@ -73,8 +73,8 @@ def bids_name(
     Raises
     ------
     ParameterError
-        If a key or a value is not valid in BIDS. Also if entities, suffix or extension are neither
-        in the source nor in the arguments.
+        If a key or a value is not valid in BIDS. Also if entities, suffix or extension are missing
+        in both source and arguments.
 
     Examples
     --------
@@ -115,7 +115,7 @@ def _other_name(source: str | os.PathLike[str]) -> BidsName:
 
 
 def _place(key: str) -> tuple[float, str]:
-    """Return the sorting key of an entity; unknown ones precede the description."""
+    """Return a sorting key with the order of BIDS; unknown entities precede ``desc``."""
     return ENTITIES.index(key) if key in ENTITIES else len(ENTITIES) - 1.5, key
 
 

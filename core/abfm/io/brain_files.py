@@ -311,7 +311,11 @@ def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labe
 
 
 def _table(labels: Labels) -> IntArray:
-    """Return red, green, blue and transparency (n, 4) of names; all differ, none is black."""
+    """Return a colour table (n, 4) of label names: red, green, blue and transparency, 0 to 255.
+
+    Black, and a colour that another label has, are replaced by the next free colour. A label
+    without a colour becomes grey.
+    """
     used, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)
@@ -347,7 +351,7 @@ def _keys(labels: Labels) -> IntArray:
 
 
 def _color(labels: Labels, key: int) -> tuple[float, ...]:
-    """Return red, green, blue and opacity of a label; empty if it has no colour."""
+    """Return red, green, blue and opacity of a label, 0 to 1; empty if it has no colour."""
     if key not in labels.colors:
         return ()
     color = real_numbers(labels.colors[key], f"the colour of label {key}", ResultError)

@@ -87,13 +87,16 @@ def export_vtu(
 def export_energy_csv(
     path: str | os.PathLike[str], energy_history: ArrayLike, stages: ArrayLike
 ) -> None:
-    """Write a line for each iteration: its number, its stage, and the energies in solver units.
+    """Write a .csv with a line for each iteration: its number, its stage and its energies.
+
+    The energies are in solver units.
 
     Parameters
     ----------
     energy_history : (I, 3) array
         Total energy, regularity and mismatch of each iterate.
     stages : (I,) array of int
+        Stage of the continuation of each iterate.
 
     Raises
     ------
@@ -108,9 +111,10 @@ def export_energy_csv(
 def _columns(
     data: Data, count: int, reserved: Sequence[str] = (), vectors: bool = False
 ) -> dict[str, Any]:
-    """Return the data as float64 columns (count,).
+    """Return the columns of data arrays by name, each (count,) as float64.
 
-    If ``vectors``, three columns become a tuple, and bytes keep their type.
+    If ``vectors``, an array of three columns becomes a tuple, and bytes (uint8) keep their type.
+    Raise a ResultError for a wrong shape, and for a name that is invalid, repeated or ``reserved``.
     """
     columns: dict[str, Any] = {}
     for name, array in data.items():
@@ -136,6 +140,6 @@ def _columns(
 
 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return columns (n,) or (n, k) as packed little-endian rows."""
+    """Return the bytes of packed little-endian records from columns (n,) or (n, k)."""
     little = [(name, x.dtype.newbyteorder("<"), x.shape[1:]) for name, x in columns.items()]
     return np.rec.fromarrays(list(columns.values()), little).tobytes()

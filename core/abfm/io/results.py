@@ -1,7 +1,7 @@
 """Result files: ``.npz`` files of plain arrays without pickles.
 
-Projects also use the functions for arrays in a zip. All arrays are checked when they are written,
-and each one when it is read.
+Project files use the same functions for the arrays in their zip. All arrays are checked before they
+are written, and each array is checked when it is read.
 """
 
 import math
@@ -49,7 +49,11 @@ Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
 
 
 class Entry(NamedTuple):
-    """Description of an array of a file. A word in its shape is a size shared by several arrays."""
+    """Expected type, shape and range of an array in a file.
+
+    A word in a shape, such as ``"V"``, is a size that is equal in all arrays whose shapes have this
+    word.
+    """
 
     kind: str
     shape: tuple[str | int, ...]
@@ -61,7 +65,10 @@ class Entry(NamedTuple):
     is_mapped: bool = False  # whether it is memory-mapped, as it may be larger than the memory
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
-        """Return a checked array in the entry's type; add its shared sizes to ``sizes``."""
+        """Check an array, and return it in the type of the entry; ValueError if it is invalid.
+
+        ``sizes`` has the known sizes by word. The sizes of this array are added.
+        """
         kinds, dtype = _KINDS[self.kind]
         if array.dtype.kind not in kinds:
             raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")
@@ -223,7 +230,10 @@ SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 
 @contextmanager
 def open_archive(path: File, what: str, remedy: str) -> Iterator[Archive]:
-    """Open a zip for reading; convert all errors to a ResultError with a remedy."""
+    """Open a zip for reading; convert all errors to a ResultError.
+
+    Its message has the expected kind of file, ``what``, and advice to the user, ``remedy``.
+    """
     name = name_of(path)
     try:
         with _opened(path, partial(open_regular, size_max=_FILE_BYTES_MAX)) as file:
@@ -262,7 +272,10 @@ def has_format_version(archive: Mapping[str, Any]) -> bool:
 
 
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
-    """Raise a ResultError unless the version is ``current``; ValueError if it is not an integer."""
+    """Raise a ResultError unless the format version of a file is ``current``.
+
+    Raise a ValueError if the version is not a positive integer.
+    """
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
     if version != current:
@@ -275,7 +288,7 @@ def check_version(version: object, current: int = FORMAT_VERSION) -> None:
 
 
 def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
-    """Yield bytes for a digest of arrays, the same in every process and on every computer."""
+    """Yield the names and values of arrays as bytes for a digest, the same on every computer."""
     for name, value in sorted(arrays.items()):
         array = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
         yield f"{name} {array.dtype.str} {value.shape}\n".encode()
@@ -283,7 +296,7 @@ def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
-    """Add a member ``name.npy`` for each array; equal arrays give equal bytes."""
+    """Write each array into a zip as ``name.npy``; equal arrays give equal bytes."""
     for name, array in arrays.items():
         with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
             np.save(file, array, allow_pickle=False)
@@ -292,7 +305,11 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the entries in their types; ValueError if one of them is wrong."""
+    """Check arrays by their entries; return them by the names of the entries, in their types.
+
+    The names in ``arrays`` begin with ``prefix``. ``sizes`` are known sizes by the words in shapes.
+    Raise a ValueError if a required array is missing, or an array is invalid.
+    """
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
         place for name, place in places.items() if entries[name].required and place not in arrays
@@ -311,7 +328,7 @@ def check_arrays(
 
 
 def save_arrays(path: File, arrays: Mapping[str, Any], kind: FileKind = RESULT) -> None:
-    """Write the arrays of a kind of file and ``format_version``; equal arrays give equal bytes.
+    """Check and write the arrays of a file and its format version; equal arrays give equal bytes.
 
     Raises
     ------
@@ -394,7 +411,7 @@ def save_with_fallback(path: Path, found: Saved) -> str:
 
 
 def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
-    """Read the arrays of a file of a given kind as float64, float32, int64, bool or unicode.
+    """Read and check the arrays of a file as float64, float32, int64, bool or unicode.
 
     Raises
     ------
@@ -413,7 +430,7 @@ def load_arrays(path: File, kind: FileKind = RESULT) -> dict[str, NDArray[Any]]:
 
 
 def loaded(path: File, kind: FileKind, make: Callable[[dict[str, NDArray[Any]]], Loaded]) -> Loaded:
-    """Load and convert the arrays of a kind of file; ResultError if it or the result is invalid."""
+    """Load the arrays of a file, and return ``make(arrays)``; ResultError if either step fails."""
     arrays = load_arrays(path, kind)
     try:
         return make(arrays)
@@ -442,7 +459,7 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
-    """Return the mesh of `mesh_arrays` with a prefix; raise a ValueError if it needs repairs."""
+    """Return the mesh of arrays whose names have a prefix; ValueError if the mesh needs repairs."""
     _check_indices(arrays, prefix)
     vertices, faces, ids, total, copies = _of_mesh(arrays, prefix)
     count = int(total)

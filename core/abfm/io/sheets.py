@@ -13,7 +13,7 @@ Up = Literal["x", "y", "z"]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function (V,) or (F,); functions with the same title of the colour bar share a range."""
+    """A function (V,) or (F,) as colours; functions with the same ``bar`` title share a range."""
 
     values: FloatArray
     bar: str = "function"

@@ -42,8 +42,8 @@ def write_stc(
     """Write values (T, n) of vertices (n,), counted from 0, at times (T,) in seconds.
 
     Values have single precision. MNE opens the files of both hemispheres together. Therefore the
-    other file is also written, without vertices, unless it exists and has vertices. Return a note
-    if the existing file does not fit, or else an empty text.
+    file of the other hemisphere is also written, without vertices, unless it exists and has
+    vertices. Return a note if the existing file does not fit, or else an empty text.
 
     Raises
     ------

@@ -36,7 +36,7 @@ _CHUNK_LINES = 1 << 16  # lines of text written together
 
 
 def textured_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files that `write_textured` writes for a path, or raise a ResultError."""
+    """Return the files that `write_textured` writes; ResultError if the name is not supported."""
     main_file = Path(path)
     ending = main_file.suffix.lower()
     if ending not in TEXTURED_ENDINGS:
@@ -123,10 +123,10 @@ def _write_obj(file: Path, mesh: TriangleMesh, places: FloatArray, materials: st
 
 
 def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) -> bytes:
-    """Return the bytes of a .glb file, with a vertex for each corner.
+    """Return the bytes of a .glb file, with a separate vertex for each corner of a face.
 
-    Corners at one vertex of the mesh are consecutive. If a reader merges vertices by position, they
-    have the same numbers as in the mesh.
+    The corners are sorted by the vertex of the mesh to which they belong. A reader that merges
+    vertices by position therefore numbers them as the mesh does.
     """
     points = mesh.vertices.astype("<f4")
     lost = len(np.unique(mesh.vertices, axis=0)) - len(np.unique(points, axis=0))

@@ -41,10 +41,10 @@ def for_background(colormap: str, is_dark: bool) -> str:
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """Return one range of the finite values of functions.
+    """Return a colour map, and one range of values for all functions.
 
-    The range is symmetric about 0 if values have both signs, and starts at 0 if the minimum is
-    slightly above 0.
+    The range has all finite values. It is symmetric about 0 if values have both signs, and starts
+    at 0 if the minimum is slightly above 0.
     """
     known = [function[np.isfinite(function)] for function in functions]
     low = min((float(values.min()) for values in known if values.size), default=0.0)
@@ -67,19 +67,22 @@ def without_extremes(values: FloatArray) -> FloatArray:
 
 
 def typical_range(*functions: FloatArray) -> ColorRange:
-    """Return one range of functions without their extreme values."""
+    """Return the `color_range` of functions without their extreme values."""
     return color_range(*map(without_extremes, functions))
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return colours in linear light of positions (V, 3) in the bounding box of vertices."""
+    """Return colours (V, 3) in linear light, with x, y, z of positions (V, 3) as red, green, blue.
+
+    The colours are those of positions in the bounding box of ``vertices``.
+    """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return np.asarray(np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) ** 2.2)
 
 
 @lru_cache(maxsize=32)
 def table(colormap: str, size: int = 256) -> FloatArray:
-    """Return the colours of a map from low to high, shape (size, 3), as sRGB from 0 to 1."""
+    """Return colours (size, 3) of a colour map, from low to high, as sRGB from 0 to 1."""
     linear = linear_table(colormap, size)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -92,7 +95,7 @@ def linear_table(colormap: str, size: int) -> FloatArray:
 
 
 def gradient(colormap: str) -> list[str]:
-    """Return the colours of a map from low to high, for a CSS gradient."""
+    """Return the colours of a colour map, from low to high, as CSS colours for a gradient."""
     colors = np.round(255 * table(colormap, _STOPS)).astype(int)
     return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
 
@@ -108,11 +111,11 @@ def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> F
 
 
 def polyscope_name(colormap: str) -> str:
-    """Return the name of a colour map in polyscope, which must differ from its built-in names."""
+    """Return the name of a colour map in polyscope, where built-in names are not available."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 
 def colormap_images() -> dict[str, NDArray[np.uint8]]:
-    """Return all colour maps by name as images (1, 1024, 3) in linear light, before gamma."""
+    """Return all colour maps by name as images (1, 1024, 3) in linear light, without gamma."""
     tables = {name: linear_table(name, 1024)[None] for name in _TABLES}
     return {name: np.round(255 * table).astype(np.uint8) for name, table in tables.items()}

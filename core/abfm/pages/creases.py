@@ -34,8 +34,10 @@ class DrawnMesh:
 def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     """Split the vertices of a mesh along its creases.
 
-    Sharp edges are creases if they outnumber half-sharp edges. Otherwise they are bends, as on
-    coarse bodies and cortices. If most edges lie in planes, half-sharp edges are creases as well.
+    At a sharp edge, the normals of both faces differ by at least 40 degrees, at a half-sharp edge
+    by 20 to 40 degrees. Sharp edges are creases if they outnumber half-sharp edges. Otherwise they
+    are bends, as on coarse bodies and cortices. If most edges lie in planes, all edges of at least
+    25 degrees are creases.
     """
     first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
     (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))

@@ -31,7 +31,7 @@ def triple(values: FloatArray) -> Triple:
 
 @dataclass(frozen=True)
 class Front:
-    """The side of the mesh that faces the viewer: two unit vectors (3,)."""
+    """The side of a mesh that faces the viewer: unit vectors (3,) to the viewer and upwards."""
 
     direction: Triple
     up: Triple
@@ -54,9 +54,9 @@ def best_front(
     Workbench, unless ``up`` is another axis. For other surfaces y is upwards by default.
 
     A feature is a difference of a function (V,) from its median. Occlusion by other parts is
-    ignored. A surface that is inside out is shown from its outside. Without functions, the usual
-    front of meshes is preferred, z if y is ``up``, because both sides of a closed surface show
-    equal areas.
+    ignored. A surface that is inside out is shown from its outside. Both sides of a closed surface
+    show equal areas. Without functions, the usual front of meshes is therefore preferred, which is
+    z if y points upwards.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def best_front(
 def changes_in_time(frames: FloatArray) -> FloatArray:
     """Return the variance in time of frames (T, V, C), summed over channels, shape (V,).
 
-    Each channel is divided by its maximum. Values that are not finite have variance 0. Very long
-    sequences are subsampled.
+    The variance of each channel is divided by its maximum over the vertices. Values that are not
+    finite have variance 0. Very long sequences are subsampled.
     """
     shown = frames[:: -(-frames.size // _NUMBERS_MAX)]
     shown = shown if len(shown) > 1 else frames

@@ -17,7 +17,7 @@ TEMPLATES = Path(__file__).parent / "template"
 
 @cache
 def environment(*folders: Path) -> Environment:
-    """Return the template environment for some folders and the templates of this package.
+    """Return the Jinja environment with the templates in some folders and in this package.
 
     Values are escaped, and an undefined name raises an error. The filter ``tojson`` writes JSON
     that no HTML parser reads as a tag.
@@ -36,7 +36,7 @@ def environment(*folders: Path) -> Environment:
 
 
 def _explanation(topic: str) -> Markup:
-    """Return a section of the page Troubleshooting as HTML."""
+    """Return the section of the page Troubleshooting about a topic, as HTML."""
     markdown = MarkdownIt("commonmark", {"html": False})
     return Markup(markdown.render(troubleshooting.section(topic)))
 

@@ -86,7 +86,7 @@ def mesh_page(mesh: TriangleMesh, title: str, up: str | None = None) -> Page:
 
 
 def coarser(page: Page, vertex_count: int) -> Page:
-    """Return a page whose surfaces have at most about ``vertex_count`` vertices each."""
+    """Return a page with surfaces of at most about ``vertex_count`` vertices, and a note."""
     panels = [_coarser(panel, vertex_count) for panel in page.panels]
     changed = [old.mesh for old, new in zip(page.panels, panels, strict=True) if old is not new]
     if not changed:
@@ -115,8 +115,8 @@ def embedded(shown_object: Any) -> str:
 
     The frame contains the complete page, so that exported notebooks show it, and its script has no
     access to the notebook. Surfaces with more than `VERTICES_MAX` vertices are coarsened. A
-    sentence replaces the page of results with more than `RESULT_VERTICES_MAX` vertices, and pages
-    above `BYTES_MAX`.
+    sentence replaces the page of a result with more than `RESULT_VERTICES_MAX` vertices, and a page
+    of more than `BYTES_MAX` characters.
     """
     if (
         not isinstance(shown_object, TriangleMesh)
@@ -157,7 +157,7 @@ def _kind(shown_object: Any) -> str:
 
 
 def _verdict(shown_object: Any) -> tuple[str, str]:
-    """Return the headline of a result and its tone, the name of a colour."""
+    """Return the headline of a result, and the name of the colour that shows its outcome."""
     facts: Facts | None = getattr(shown_object, "facts", None)
     return (
         (correspondence_headline(shown_object), "ink")
@@ -181,7 +181,7 @@ def _see_browser(reason: str) -> str:
 
 
 def _about(headline: str, tone: str, notes: list[str], title: str = "", frame: str = "") -> str:
-    """Return HTML with a headline, notes, and optionally a page in a frame."""
+    """Return HTML with a headline, notes, and optionally ``frame``, a page in HTML."""
     return (
         environment()
         .get_template("notebook.html")

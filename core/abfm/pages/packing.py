@@ -1,7 +1,8 @@
-"""Packing of arrays in a page: integers as differences of rows, in planes of bytes, deflated.
+"""Packing of arrays in a page: differences between consecutive rows, as deflated integers.
 
-Differences between similar frames are mostly zero, which deflates well. Browsers can inflate
-without a library; `packing.js` unpacks the arrays.
+The first bytes of all integers precede the second bytes, and so on. Differences between similar
+frames are mostly zero, which deflates well. Browsers can inflate without a library; `packing.js`
+unpacks the arrays.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Quantized:
 
 
 def quantized(values: ArrayLike) -> Quantized:
-    """Return values (T, V) in `LEVELS` steps of their range; NaN and infinity are `NO_VALUE`."""
+    """Return values (T, V) in `LEVELS` steps of their range; `NO_VALUE` if not finite."""
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
     minimum, maximum = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
@@ -47,9 +48,9 @@ def quantized(values: ArrayLike) -> Quantized:
 
 
 def quantized_points(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
-    """Return points (N, 3) in steps along their bounding box, its lowest corner, and the steps.
+    """Return points (N, 3) as integers, the lowest corner of their bounding box, and three steps.
 
-    Points recovered from these integers differ by at most half a step.
+    Points recovered as ``corner + steps * integers`` differ by at most half a step.
     """
     low = points.min(axis=0)
     steps = np.ptp(points, axis=0) / _COORDINATE_LEVELS
@@ -59,13 +60,17 @@ def quantized_points(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray
 
 @dataclass
 class Store:
-    """Collection of arrays that is written as one text; each array is identified by its offset."""
+    """Arrays that are written as one text; each array is identified by its offset in bytes."""
 
     _parts: list[bytes] = field(default_factory=list)
     _size: int = 0
 
     def add(self, array: NDArray[Any]) -> dict[str, int]:
-        """Append unsigned integers or single precision numbers, (rows, columns) or one row."""
+        """Append an array (rows, columns) or (columns,), and return a description of it.
+
+        The description has offset, rows, columns and bytes per value. Values are unsigned integers,
+        or real numbers, which are stored in single precision.
+        """
         rows = np.atleast_2d(array)
         if rows.dtype.kind == "f":
             rows = np.ascontiguousarray(rows, dtype="<f4").view("<u4")

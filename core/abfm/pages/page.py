@@ -95,7 +95,7 @@ class Paths:
     def along(
         cls, name: str, paths: Sequence[tuple[ArrayLike, ArrayLike]], color: Color, **style: Any
     ) -> Paths:
-        """Create paths from times (N,) and points (N, 3) of each path, with N at least 2."""
+        """Create paths, each from times (N,) and points (N, 3); paths of one point are omitted."""
         pieces = [(np.asarray(t, float), np.asarray(p, float)) for t, p in paths if np.size(t) > 1]
         starts = [np.zeros((0, 3)), *(points[:-1] for _, points in pieces)]
         ends = [np.zeros((0, 3)), *(points[1:] for _, points in pieces)]
@@ -108,7 +108,7 @@ class Paths:
     def points(
         cls, name: str, places: FloatArray, spans: ArrayLike, color: Color, disc: float = 4.5
     ) -> Paths:
-        """Create discs at points (N, 3) that are visible between times (N, 2), or (2,) for all."""
+        """Create discs at points (N, 3), visible between the times ``spans``, (N, 2) or (2,)."""
         times = np.broadcast_to(np.asarray(spans, float), (len(places), 2))
         return cls(name, places, places, times, color, disc=disc, line=0.0)
 
@@ -176,7 +176,10 @@ class Page:
     topics: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
-        """Return the HTML of the page; if embedded, without a title and text below the panels."""
+        """Return the HTML of the page.
+
+        If ``is_embedded``, the texts above and below the panels are omitted.
+        """
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")
@@ -221,7 +224,11 @@ class _PageData:
         }
 
     def _relative_times(self, times: ArrayLike) -> FloatArray:
-        """Return times relative to the clock, 0 to 1; single precision cannot distinguish dates."""
+        """Return times as fractions of the duration of the clock, 0 at its start and 1 at its end.
+
+        The page stores times in single precision, which cannot distinguish large numbers such as
+        dates.
+        """
         start, end = self._clock.start, self._clock.end
         relative = (np.asarray(times, dtype=float) - start) / (end - start)
         return np.clip(relative, -_TAIL_MAX, _TAIL_MAX)

@@ -46,7 +46,10 @@ def _rotation(found: Correspondence) -> FloatArray:
 
 
 def functions_on_a(found: Registration) -> FloatArray:
-    """Return the compared functions of A, (V_A, C), or else the source on A by the initial map."""
+    """Return the compared functions of A, (V_A, C).
+
+    If they are unknown, return the source on B, transferred to A by the initial map.
+    """
     if found.functions is not None:
         return found.functions
     return found.initial.inverse().transfer(found.match.source)

@@ -184,7 +184,10 @@ def population_page(found: Population, title: str, up: str | None = None) -> Pag
 
 
 def _layers(found: Population, c: int) -> list[Layer]:
-    """Return layers of a channel: both means, in one colour range, and standard deviation."""
+    """Return three layers of channel ``c``: initial mean, registered mean and standard deviation.
+
+    Both means have the same range of colours.
+    """
     means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
     name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
     of_means = typical_range(*means)
@@ -197,7 +200,11 @@ def _layers(found: Population, c: int) -> list[Layer]:
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
-    """Return names and colours of functions to show, or coordinates of ``a`` for landmarks."""
+    """Return the names and colour ranges of the functions that the page of a match shows.
+
+    If only landmarks are matched, these functions are the coordinates of ``a``, by default of the
+    mesh of the match.
+    """
     if match.problem.is_of_landmarks:
         mesh = a or match.mesh
         return [
@@ -220,9 +227,10 @@ def _moving(
     share: float,
     start: FloatArray | None = None,
 ) -> list[Layer]:
-    """Return the advected functions at uniform times from 0 to tau.
+    """Return layers of the advected functions at uniform times from 0 to tau.
 
     If only landmarks are matched, the function ``start`` is advected, by default the coordinates.
+    ``shown`` are the names and colour ranges of the functions.
     """
     budget = int(share * _VALUES_MAX) // (len(match.mesh.vertices) * len(shown))
     times = np.linspace(0, match.parameters.tau, min(max(budget, _KEYS[0]), _KEYS[1]))
@@ -236,7 +244,7 @@ def _moving(
 
 
 def _lines(match: Match, share: float) -> list[Paths]:
-    """Return flow lines from points distributed over the surface, and from the landmarks."""
+    """Return flow lines from points distributed over the surface and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
     spread = spread_points(mesh)
     seeds = spread.points[np.arange(min(int(_LINES_MAX * share**0.5), len(spread.gaps)))]
@@ -257,7 +265,11 @@ def _lines(match: Match, share: float) -> list[Paths]:
 
 
 def _flow_line_paths(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
-    """Return flow lines at uniform times; if a line ends early, its last point is repeated."""
+    """Return times and points (N, 3) of the flow lines from ``seeds``, at uniform times.
+
+    If a line ends early, its last point is repeated. The list is empty if a flow line crosses too
+    many faces.
+    """
     tau = match.parameters.tau
     found, lines = [], []
     with step("flow lines"), suppress(AbfmError):  # flow lines over too many faces raise an error

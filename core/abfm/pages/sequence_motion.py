@@ -1,4 +1,4 @@
-"""Motion of a sequence for drawing: typical fast speed, and paths of critical points."""
+"""Motion of a sequence for drawing: the speed of the longest arrows, and critical points."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _PIECE_LENGTH = 0.01  # sqrt(area): longer pieces of a path could cut through th
 
 
 def fast_speed_of(sequence: abfm.Sequence) -> float:
-    """Return the typical fast speed of a sequence.
+    """Return the speed from which arrows of a sequence have their maximum length.
 
-    The result is the root mean square of the fast speeds of all intervals. One fast interval
-    therefore does not shorten the arrows of all others.
+    The result is the root mean square, over intervals, of `abfm.calculus.fast_speed`. One fast
+    interval therefore does not shorten the arrows of all others.
     """
     speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
     fast = [abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds]
@@ -44,7 +44,7 @@ class PointPath:
     points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
-        """Return the position (3,) at a time, up to ``slack`` beyond the ends, or else None."""
+        """Return the position (3,) at a time; None more than ``slack`` before or after the path."""
         if not self.times[0] - slack <= time <= self.times[-1] + slack:
             return None
         places = self.points.positions
@@ -52,7 +52,7 @@ class PointPath:
 
 
 def track_paths(tracks: Sequence[abfm.sequences.Track]) -> list[PointPath]:
-    """Return the paths of tracks, with additional points on the surface between their points."""
+    """Return the paths of tracks, with additional points on the surface between critical points."""
     if not tracks:
         return []
     mesh, positions, times = tracks[0].points.mesh, [], []

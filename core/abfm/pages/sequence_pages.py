@@ -122,10 +122,10 @@ def sequence_page(
 
 
 def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Layer], list[str]]:
-    """Return a layer for each channel of the frames, and notes.
+    """Return a layer for each channel of the frames, and notes about omitted frames and channels.
 
-    If there are too many frames for a page, they are subsampled, and a note reports it. Otherwise
-    key frames are interpolated between them, as far as the size of the page allows.
+    If there are too many frames for a page, they are subsampled. Otherwise interpolated frames are
+    added between them, as far as the size of the page allows.
     """
     keys, frames, subsampling = _keys(sequence, labels.share)
     if sequence.unknown is not None:
@@ -148,9 +148,9 @@ def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ())
 
 
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
-    """Return a layer with symmetric colours, which a few extreme values do not change.
+    """Return a layer with a colour range that is symmetric about 0 and ignores extreme values.
 
-    The values of the layer may be subsampled in time.
+    The layer is subsampled in time if it exceeds ``share`` of the maximum number of values.
     """
     stride = -(-values.size // int(share * PART_VALUES_MAX))
     shown, bound = values[::stride], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
@@ -183,9 +183,9 @@ def _tracks(sequence: sequences.Sequence) -> list[Paths]:
 def _arrows(sequence: sequences.Sequence, share: float) -> Paths:
     """Return arrows of each interval's field at fixed points.
 
-    The length is limited by the distance of the points. Arrows fade where frames do not determine
-    the field. They are omitted where the field is slow, at boundaries, and where they would leave
-    the surface.
+    The length is limited by the distance between the points. Arrows fade where frames do not
+    determine the field. They are omitted where the field is slow, at boundaries, and where they
+    would leave the surface.
     """
     mesh, times = sequence.mesh, sequence.times
     spread, fast = spread_points(mesh), fast_speed_of(sequence) or 1.0
@@ -238,8 +238,8 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
 def _path_lines(sequence: sequences.Sequence) -> Paths:
     """Return path lines from points distributed over the surface.
 
-    Each path line begins again at its first point after `_PATH_INTERVALS` intervals. Path lines do
-    so at different times.
+    After `_PATH_INTERVALS` intervals, a path line restarts at its first point. Different lines
+    restart at different times.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))
@@ -270,7 +270,11 @@ def _path_lines(sequence: sequences.Sequence) -> Paths:
 
 
 def _keys(sequence: sequences.Sequence, share: float) -> tuple[FloatArray, FloatArray, str]:
-    """Return times and values (T', V, C) of the key frames, and a note if frames are omitted."""
+    """Return times and values (T', V, C) of the frames that the page stores, and a note.
+
+    If there are too many frames, only some are stored, and the note reports it. Otherwise
+    interpolated frames are added, and the note is empty.
+    """
     times, frames = sequence.times, sequence.frames[:, :, :CHANNELS_MAX]
     keys_max = max(int(share * VALUES_MAX) // (frames.shape[1] * frames.shape[2]), 2)
     if keys_max < len(times):

@@ -44,9 +44,9 @@ _KIND = results.FileKind(
 class SequenceCheckpoint:
     """A file with the intermediate results of a sequence until its result is saved.
 
-    The name of the file contains that of the result and a digest of the problem and of the code.
-    Only a run of the same problem by the same code therefore resumes from it. The resumed run gives
-    the same result, bit for bit, as an uninterrupted one.
+    The name of the file contains the name of the result, and a digest of the problem and of the
+    code. Only a run of the same problem by the same code therefore resumes from it. The resumed run
+    gives the same result, bit for bit, as an uninterrupted one.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class SequenceCheckpoint:
         Path of the result; the checkpoint is ``RESULT-DIGEST.unfinished``. Without a path, there is
         no checkpoint.
     on_found : callable
-        Function that is called with the number of intervals of an earlier run, if there are any.
+        Function that is called with the count of intervals that an earlier run solved, if any.
     solve_remaining : bool
         Whether to solve the remaining intervals. If false, the result is that of a cancelled run.
     """
@@ -94,7 +94,7 @@ class SequenceCheckpoint:
                 self._on_found(len(fields))
 
     def save(self, solver: SequenceSolver, force: bool = True) -> None:
-        """Write the state of a solver, but not more often than every few seconds unless ``force``.
+        """Write the state of a solver; without ``force``, at most once every few seconds.
 
         A failed write is ignored, as the sequence can be solved without a checkpoint.
         """
@@ -133,7 +133,7 @@ def checkpoints_of(result: Path) -> list[Path]:
 
 
 def remove_checkpoints(result: Path) -> None:
-    """Remove the checkpoints next to a saved result, which a killed run may have left."""
+    """Remove the checkpoints of earlier, killed runs next to a saved result."""
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.unlink()
@@ -169,7 +169,7 @@ def _digest(solver: SequenceSolver) -> str:
 
 @cache
 def _code() -> str:
-    """Return a digest of the library's code, which changes within a version during development."""
+    """Return a digest of the library's code, which can change without its version (development)."""
     digest = hashlib.sha256()
     folder = Path(__file__).parents[1]
     for path in sorted(folder.rglob("*.py")):

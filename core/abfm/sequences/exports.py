@@ -52,9 +52,9 @@ def vertex_speed(sequence: Sequence) -> FloatArray:
 
 
 def check_pvd(path: str | os.PathLike[str]) -> Path:
-    """Check the path of `export_pvd` before the export; return the folder for its frames.
+    """Check that `export_pvd` can write to a path; return the folder for the frames.
 
-    Links in the path are resolved.
+    Links in the path of the folder are resolved.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     Each frame has these point data:
 
     - ``frame``: the values of the frame
-    - ``carried``: the previous frame advected to the time of this frame
+    - ``advected``: the previous frame advected to the time of this frame
     - ``divergence`` and ``curl`` of the field
     - ``measured``, if values are missing in some frame: 0 where they are filled in, else 1
 
@@ -91,10 +91,10 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
     - ``velocity``
     - ``uncertainty``: standard error of the velocity, infinite where frames determine no motion
-    - ``determined``: share of the velocity that the frames determine, from 0 to 1
+    - ``determined``: share of the squared velocity that the frames determine, from 0 to 1
 
-    Fields are those of the interval that begins at the frame, and for the last frame of the
-    interval that ends there. Files replace older ones only after all are written. If the export is
+    A frame has the fields of the interval that begins at it, and the last frame those of the
+    interval that ends at it. Files replace older ones only after all are written. If the export is
     cancelled or fails, the folder is unchanged. Surplus frames of an older, longer sequence of the
     same name are removed at the end.
 
@@ -133,7 +133,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
 
 def _listed_frames(path: Path) -> set[str]:
-    """Return the names of the frames in its folder that an earlier export lists in the .pvd.
+    """Return the names of the .vtu files that an existing .pvd file lists in its folder.
 
     The set is empty if the .pvd file is missing or cannot be read.
     """
@@ -144,7 +144,7 @@ def _listed_frames(path: Path) -> set[str]:
 
 
 def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
-    """Write a .vtu per frame into a folder; return the lines of the .pvd for a folder ``name``."""
+    """Write a .vtu file per frame; return the .pvd lines that list them in a folder ``name``."""
     rows = []
     advected, unknown = sequence.frames[0], sequence.unknown
     measured = {} if unknown is None else {"measured": (~unknown).astype(np.uint8)}
@@ -180,7 +180,7 @@ def _columns(frame: FloatArray) -> FloatArray:
 def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
     """Write the speed at all vertices for MNE, with a sample in the middle of each interval.
 
-    The file is ``NAME-lh.stc`` or ``NAME-rh.stc``. The file of the other hemisphere, the returned
+    The path is ``NAME-lh.stc`` or ``NAME-rh.stc``. The file of the other hemisphere, the returned
     note and the errors are as for `abfm.io.write_stc`.
     """
     speed = vertex_speed(sequence)
@@ -191,8 +191,8 @@ def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
 def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
     """Write the speed at the vertices of the mesh's file, with a column for each interval.
 
-    A column is named by the middle of its interval. The formats are GIFTI, .npy, .csv and .mgh, see
-    `abfm.io.write_values`. The speed is NaN at vertices without a face.
+    The name of a column is the time in the middle of the interval. The formats are GIFTI, .npy,
+    .csv and .mgh, see `abfm.io.write_values`. The speed is NaN at vertices without a face.
     """
     speed = sequence.mesh.on_file(vertex_speed(sequence).T)
     names = [f"{time:.9g}" for time in sequence.middles]
@@ -202,8 +202,15 @@ def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
 def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_intervals: int = 3) -> str:
     """Write a .csv of critical points, with a line for each point in each interval.
 
-    Columns are the track, the kind, index and position of the point, the number of its face, and
-    divergence and curl per unit of time. ``min_intervals`` is as in `abfm.Sequence.tracks`.
+    The columns are:
+
+    - ``track``: number of the track, from 0
+    - ``kind`` and ``index`` of the point, and ``time``, the middle of the interval
+    - ``x``, ``y`` and ``z``: position of the point
+    - ``face``: index of the face that contains the point
+    - ``divergence`` and ``curl`` of the field at the point, per unit of time
+
+    Only tracks through at least ``min_intervals`` intervals are written.
 
     Returns
     -------
@@ -238,10 +245,18 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, min_interval
 def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
     """Write a .csv with a line for each interval.
 
-    The columns are start, end, root mean squares of speed and uncertainty over the surface, and the
-    share that frames determine, from 0 to 1. The others are energy, residuals of the discrete flow
-    and of flow lines, share of faces that flow lines fold, and verdict. Unknown values are empty;
-    an infinite uncertainty is ``inf``.
+    The columns are:
+
+    - ``interval``: number of the interval, from 0
+    - ``start`` and ``end``: times of its frames
+    - ``speed`` and ``uncertainty``: root mean squares over the surface
+    - ``determined``: share of the squared speed that the frames determine, from 0 to 1
+    - ``energy``: total energy of the field
+    - ``residual`` and ``by_flow_lines``: residuals of the discrete flow and of flow lines
+    - ``folded``: share of the faces that flow lines fold
+    - ``verdict`` and ``reason``
+
+    Unknown values are empty; an infinite uncertainty is ``inf``.
     """
     starts, ends = sequence.times[:-1], sequence.times[1:]
     numbers = [

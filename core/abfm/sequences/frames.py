@@ -32,8 +32,8 @@ from abfm.workers.progress import stepped
 class Frames:
     """Functions (T, V, C) at ascending times (T,), on a mesh, finite everywhere.
 
-    The mask (V,) is 0 where values are missing in some frame; they are extended from their
-    neighbours.
+    The mask (V,) is 0 at vertices whose value is missing in some frame. Values there are extended
+    from neighbouring vertices.
     """
 
     mesh: TriangleMesh
@@ -72,11 +72,11 @@ class Frames:
         return None if self.mask is None or self.mask.all() else np.asarray(self.mask == 0)
 
     def problem(self, interval: int, parameters: Parameters) -> Problem:
-        """Return the matching problem of an interval, from its first frame to the next."""
+        """Return the matching problem of an interval, from its first frame to its second."""
         return self.between(interval, interval + 1, parameters)
 
     def between(self, first: int, last: int, parameters: Parameters) -> Problem:
-        """Return the matching problem between any two frames."""
+        """Return the matching problem from frame ``first`` to frame ``last``."""
         f, g = (self.values[frame] for frame in (first, last))
         if not self.channels_given:
             f, g = f[:, 0], g[:, 0]
@@ -91,9 +91,10 @@ def check_frames(
     mask: ArrayLike | None,
     weights: ArrayLike | None,
 ) -> Frames:
-    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in unknown values.
+    """Check frames (T, V) or (T, V, C), and fill in unknown values.
 
-    Values are unknown at vertices where some frame is not finite, or where the mask is 0.
+    The vertices are those of the mesh or of its file. Values are unknown at vertices where some
+    frame is not finite, or where the mask is 0.
     """
     given = real_numbers(values, "frames", FunctionError)
     if given.ndim not in (2, 3) or given.size == 0:
@@ -150,7 +151,11 @@ def check_frames(
 
 
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
-    """Return the absolute sigma, proportional to sqrt(duration) to balance the energy terms."""
+    """Return the absolute sigma of an interval, from the sigma of the sequence and the duration.
+
+    It is proportional to sqrt(duration), to balance the energy terms. A relative sigma is also
+    multiplied by the size of the frames.
+    """
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))
 
@@ -167,10 +172,10 @@ def interval_parameters(
 def _fill_in(
     mesh: TriangleMesh, frames: FloatArray, compared: BoolArray, is_weighted: BoolArray
 ) -> None:
-    """Extend frames (T, V, C) to vertices that are not compared.
+    """Replace values of frames (T, V, C) at vertices that are not compared, extending the others.
 
-    Advection would otherwise spread their values to compared vertices. Channels of weight 0 may
-    have additional missing values.
+    Advection would otherwise spread the replaced values to compared vertices. Channels of weight 0
+    may have additional missing values.
     """
     extend_compared = extension(mesh, compared)
     for channel, has_weight in enumerate(is_weighted):

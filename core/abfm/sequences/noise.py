@@ -26,12 +26,12 @@ _ROUNDING = 1e-12  # rounding errors relative to the largest value
 def noise(
     mesh: TriangleMesh, functions: FloatArray, compared: BoolArray | slice = slice(None)
 ) -> FloatArray:
-    """Estimate the standard deviation of independent noise of functions (..., V), (...,).
+    """Return an estimate (...,) of the standard deviation of noise in functions (..., V).
 
-    The estimate is an upper bound, since curvature of a function within single edges adds to it.
-    The difference of a value from the mean of its ``n`` neighbours has ``1 + 1/n`` times the
-    variance of the noise. See Immerkær, Computer Vision and Image Understanding 64 (1996). The
-    median over the compared vertices ignores jumps.
+    The noise is independent at each vertex. The estimate is an upper bound, since curvature of a
+    function within single edges adds to it. The difference of a value from the mean of its ``n``
+    neighbours has ``1 + 1/n`` times the variance of the noise. See Immerkær, Computer Vision and
+    Image Understanding 64 (1996). The median over the compared vertices ignores jumps.
     """
     median = np.median(_neighbour_deviations(mesh, functions)[..., compared], axis=-1)
     return np.asarray(median / 0.6744897501960817)  # median absolute value of a normal variable
@@ -65,7 +65,10 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
 
 
 def explains_too_little(functions: FunctionTerm, levels: FloatArray, residual: float) -> bool:
-    """Return whether a field explains little of the change beyond noise of ``levels`` (C, V)."""
+    """Return whether a field with this residual explains little of the change beyond noise.
+
+    ``levels`` (C, V) are the standard deviations of the noise.
+    """
     first = functions.residual(functions.source)
     explained = _RESIDUAL_SHARE_MAX * min(first, _RESIDUAL_OF_MEAN)
     return residual > max(
@@ -74,7 +77,7 @@ def explains_too_little(functions: FunctionTerm, levels: FloatArray, residual: f
 
 
 def is_flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
-    """Return where functions (..., V) equal the mean of their neighbours, (..., V).
+    """Return a mask (..., V) of vertices where functions (..., V) equal the mean of the neighbours.
 
     Noisy values never equal that mean, but values that replace missing ones do.
     """

@@ -1,4 +1,4 @@
-"""Parameters of a sequence, and those that it chooses."""
+"""Parameters of a sequence, with those that held-out data choose."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class SequenceParameters(Settings):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields as plain values."""
+        """Return all parameters by name as plain values."""
         return asdict(self)
 
     def for_interval(self, duration: float, sigma: float) -> Parameters:
@@ -61,9 +61,9 @@ PARAMETER_NAMES = tuple(each.name for each in fields(SequenceParameters) if each
 def defaults(
     alpha: float | None = None, order: int | None = None, **others: Any
 ) -> SequenceParameters:
-    """Return the parameters of a sequence, with changes.
+    """Return the default parameters of a sequence, with some values replaced by the arguments.
 
-    ``alpha``, ``order`` and ``sigma`` are chosen by held-out data if they are None or not given.
+    Held-out data choose ``alpha``, ``order`` and ``sigma`` if these are None or not given.
 
     Raises
     ------

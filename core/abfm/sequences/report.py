@@ -103,10 +103,10 @@ def _speeds(sequence: Sequence) -> FloatArray:
 
 
 def _steep(sequence: Sequence) -> BoolArray:
-    """Return the faces on which the first frame of each solved interval is steep, (S, F).
+    """Return a mask (S, F) of the faces on which the first frame of each solved interval is steep.
 
-    On steep faces, the gradient of the frame exceeds its root mean square. On other faces,
-    smoothness determines the field.
+    On steep faces, the gradient of the frame exceeds its root mean square over the surface. On
+    other faces, smoothness determines the field.
     """
     mesh = sequence.mesh
     areas, derive = face_areas(mesh), gradient(mesh)
@@ -131,7 +131,10 @@ def interval_headline(sequence: Sequence, interval: int) -> str:
 
 
 def motion_text(sequence: Sequence) -> str:
-    """Return the share of motion in interpolated frames as text, or why it is unknown or 0."""
+    """Return the share of motion in interpolated frames as text.
+
+    If the share is unknown or 0, the text has the reason.
+    """
     found = sequence.motion_share
     if math.isnan(found):
         why = (
@@ -147,7 +150,11 @@ def motion_text(sequence: Sequence) -> str:
 
 
 def uncertainty_text(sequence: Sequence) -> str:
-    """Return the median standard error of fields, and the share that frames determine, as text."""
+    """Return the median standard error of the fields as text.
+
+    The text also has the share of the fields that the frames determine. If the frames determine no
+    motion, the error is infinite.
+    """
     solved = sequence.solved
     error = float(np.median(sequence.speed_uncertainty[solved]))
     if not math.isfinite(error):

@@ -83,7 +83,7 @@ class Sequence(Solution, Display):
 
     @property
     def settings(self) -> str:
-        """Text with norm, sigma and gamma, and those that held-out data chose."""
+        """Text with norm, sigma and gamma; it names the parameters that held-out data chose."""
         given = self.parameters
         chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
         how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
@@ -91,7 +91,7 @@ class Sequence(Solution, Display):
         return f"norm of order {given.order}, {numbers}{how}"
 
     def __getitem__(self, interval: int) -> Match:
-        """Return an interval as a match from its frame to the next, with its field and verdict."""
+        """Return an interval as the match of its first frame to its second."""
         i = range(len(self))[interval]
         # a run that was cancelled before sigma was chosen has fields of 0
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
@@ -114,7 +114,10 @@ class Sequence(Solution, Display):
         return map(self.__getitem__, range(len(self)))
 
     def interval(self, t: float) -> int:
-        """Return the number of the interval at a time; at a frame, that of the next interval."""
+        """Return the index of the interval that contains a time.
+
+        At a frame between two intervals, this is the later interval.
+        """
         times = self.times
         if not (is_finite_number(t) and times[0] <= t <= times[-1]):
             raise ParameterError(
@@ -127,16 +130,17 @@ class Sequence(Solution, Display):
         """Share of motion in interpolated frames, (T - 1,), from 0 (a linear blend) to 1.
 
         The share is `motion_share` if that is known. Otherwise, for example for two frames, it is 1
-        for confirmed intervals and 0 for others. It is 0 for intervals whose verdict excludes a
-        motion.
+        for confirmed intervals and 0 for others. In both cases, it is 0 for intervals whose verdict
+        excludes a motion.
         """
         return motion_shares(self.verdicts, self.motion_share)
 
     def at(self, t: float) -> FloatArray:
         """Return the function at a time, (V,) or (V, C).
 
-        The linear blend of the frames before and after the time is changed by motion along the
-        field. The change is multiplied by the share of the interval, see `motion_shares`.
+        The function is the linear blend of the frames before and after the time, changed by motion
+        along the field. The change is multiplied by the share of motion of the interval, see
+        `motion_shares`.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -268,10 +272,10 @@ class Sequence(Solution, Display):
     def paths(
         self, points: SurfacePoints | ArrayLike, start: float | None = None
     ) -> list[SurfacePoints]:
-        """Move points along all fields; return their places at the start and at each later frame.
+        """Move points along all fields; return their positions at start and at each later frame.
 
-        ``points`` are surface points or vertex indices (P,). The start is the time of the first
-        frame by default.
+        ``points`` are surface points or vertex indices (P,). ``start`` is a time, by default that
+        of the first frame.
         """
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.mesh, points)
         if len(given.mesh.faces) != len(self.mesh.faces):
@@ -290,11 +294,11 @@ class Sequence(Solution, Display):
 
     @property
     def unknown(self) -> BoolArray | None:
-        """Mask (V,) of vertices with filled-in values, which are missing in some frame; or None."""
+        """Mask (V,) of the vertices with filled-in values; None if no values were missing."""
         return self._frames.unknown
 
     def between(self, first: int, last: int, parameters: Parameters | None = None) -> Problem:
-        """Return the matching problem between any two frames."""
+        """Return the matching problem from frame ``first`` to frame ``last``."""
         return self._frames.between(first, last, parameters or Parameters())
 
 
@@ -362,10 +366,10 @@ def sequence(
         A file for intermediate results. If this run is killed or cancelled, the next run of the
         same problem resumes from it. Call ``checkpoint.remove()`` after the result is saved.
     on_interval : callable, optional
-        Function that is called, in this thread, with the number of each interval when it is first
+        Function that is called, in this thread, with the index of each interval when it is first
         solved.
     on_field : callable, optional
-        Function that is called after ``on_interval`` with the number and the field (F, 3), in the
+        Function that is called after ``on_interval`` with the index and the field (F, 3), in the
         mesh's unit per unit of time. At the beginning, it is also called with the fields of an
         earlier run.
     control : Control, optional
@@ -458,7 +462,7 @@ def _checked_frames(
 def _checked_sequence(
     solver: SequenceSolver, file: SequenceCheckpoint, evidence: MotionEvidence
 ) -> Sequence:
-    """Return the sequence, with its fields checked by the discrete flow and by flow lines."""
+    """Return the sequence of a solver, with fields checked by discrete flow and by flow lines."""
     checked_frames, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
     measures: list[IntervalMeasures] = []

@@ -78,7 +78,7 @@ def _channel(text: str) -> tuple[int, float]:
 
 
 def _channel_weights(channels: Iterable[tuple[int, float]], count: int) -> list[float]:
-    """Return the weight of each channel of the frames, 1 by default."""
+    """Return weights of ``count`` channels from pairs of index and weight; others have weight 1."""
     weights = [1.0] * count
     for number, weight in channels:
         if number >= count:
@@ -98,7 +98,7 @@ def _facts_of_file(path: Path) -> Facts:
 
 
 def _preview(path: Path) -> Preview:
-    """Return the first, the middle and the last frame of a sequence."""
+    """Return a preview of a result file: the first, the middle and the last frame."""
     return preview_of(
         path,
         results.SEQUENCE,
@@ -143,7 +143,7 @@ same command resumes from it.
 
 @dataclass(frozen=True)
 class SequenceTask(Task):
-    """Find the fields whose flows map each frame of a sequence to the next.
+    """The task of finding the fields whose flows map each frame of a sequence to the next.
 
     Attributes
     ----------

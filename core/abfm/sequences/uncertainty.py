@@ -110,10 +110,10 @@ def _values(sequence: Solution) -> int:
 
 
 def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the tensors of the data.
+    """Return eigenvalues (I, F, 2) and eigenvectors (I, F, 2, 2), in columns, of the tensors ``D``.
 
-    The tensors are in the unit of the norm at k = 0, and averaged over the length that the norm
-    bridges.
+    The tensors are those of the I intervals ``solved``. They are in units of the norm at wave
+    number 0, and averaged over `_length`.
     """
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
@@ -141,10 +141,11 @@ def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, Flo
 
 
 def _slopes(sequence: Solution, interval: int) -> FloatArray:
-    """Return products of the slopes of two consecutive frames at vertices, (V, 6).
+    """Return products of the slopes of the two frames of an interval at vertices, (V, 6).
 
-    The earlier frame is advected to the later one, and the mesh has unit area. The noise of both
-    frames is independent, so it does not bias the products.
+    The columns are xx, yy, zz, xy, xz and yz. The earlier frame is advected to the later one, and
+    the mesh has unit area. The noise of both frames is independent, so it does not bias the
+    products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
     mean, derive = averaging(mesh), gradient(mesh)
@@ -163,7 +164,7 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 
 
 def _length(sequence: Solution, precision: float) -> float:
-    """Return the length, in sqrt(area), over which the norm averages data of a precision.
+    """Return the length, in sqrt(area), over which the norm averages data of a given precision.
 
     The length is the wavelength at which norm and data are equally stiff, and at least an edge.
     """
@@ -177,7 +178,7 @@ def _length(sequence: Solution, precision: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Integrals:
-    """Integrals over wave numbers and means over modes in time, by the precision of the data."""
+    """Integrals over wave numbers, averaged over modes in time, as functions of data precision."""
 
     weights: FloatArray  # (K,)
     stiffness: FloatArray  # (K, M)
@@ -205,7 +206,7 @@ class _Integrals:
         return _Integrals(weights, of_space[:, None] * (1 + sequence.gamma * in_time))
 
     def modes(self, precision: FloatArray) -> FloatArray:
-        """Return the number of modes that data determine, per unit area and axis."""
+        """Return the number of modes, per unit area and axis, that the data determine."""
         return self._integrated(lambda p, d: d / (p + d), precision)
 
     def scatter(self, precision: FloatArray) -> FloatArray:

@@ -46,7 +46,10 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
-    """Return the facts of a sequence: verdicts (T - 1,) and medians of known `NUMBERS`."""
+    """Return the facts of a sequence from the verdicts (T - 1,) of its intervals and `NUMBERS`.
+
+    The facts have the median of each number, over the intervals where it is known.
+    """
     outcome = outcome_of_intervals([verdict.kind for verdict in verdicts])
     confirmed, count = sum(verdict.kind.is_good for verdict in verdicts), len(verdicts)
     share = f"{confirmed} of {counted(count, 'interval')}"
@@ -79,7 +82,7 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
 def verdict_of(
     problem: Problem, measures: IntervalMeasures, levels: FloatArray, found: bool
 ) -> Verdict:
-    """Return the verdict of an interval.
+    """Return the verdict of an interval; ``found`` is false if the interval is not solved.
 
     The verdict is that of a match, except that a residual within the noise is accepted. The
     standard deviations of the noise are ``levels`` (C, V).
@@ -113,7 +116,10 @@ def verdict_of(
 
 
 def without_determined_motion(verdict: Verdict) -> Verdict:
-    """Return the verdict of an interval whose motion held-out frames do not confirm."""
+    """Return the verdict of an interval whose motion held-out frames do not confirm.
+
+    A good verdict becomes "not reached"; other verdicts do not change.
+    """
     if not verdict.kind.is_good:
         return verdict
     return replace(verdict.with_cause(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
@@ -135,7 +141,7 @@ def allows_motion(verdict: Verdict) -> bool:
 
 
 def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
-    """Return the `abfm.Sequence.motion_shares` of intervals, (T - 1,)."""
+    """Return `abfm.Sequence.motion_shares`, (T - 1,), for a known or unknown (NaN) share."""
     known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
     return np.where([allows_motion(verdict) for verdict in verdicts], known, 0.0)
 
@@ -147,7 +153,7 @@ def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
 
 
 def _noise(functions: FunctionTerm) -> str:
-    """Return the ``noise`` in sentences of `Cause`: noise alone, or also narrow details.
+    """Return the word for noise in sentences of `Cause`, or words for noise and narrow details.
 
     On a mesh with long edges, such as those of slivers, details within one edge look like noise.
     """
@@ -156,10 +162,10 @@ def _noise(functions: FunctionTerm) -> str:
 
 
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
-    """Return why a field explains little of the change between frames.
+    """Return the cause why a field explains little of the change between frames.
 
-    The reason is that of the check with the larger residual. The change is not a motion only if
-    both checks explain little and the mesh resolves the functions.
+    The cause is that of the check with the larger residual. The change is not a motion only if both
+    checks explain little and the mesh resolves the functions.
     """
     if not explains_too_little(functions, levels, measures.residual):
         return Cause.ONLY_DISCRETE_FLOW

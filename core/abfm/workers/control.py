@@ -19,7 +19,7 @@ class Control:
     """Pause, resume or cancel a `match` from another thread.
 
     A change takes effect within one evaluation of the energy. ``cancelled`` is true after `cancel`,
-    and ``skip_checks`` is its argument.
+    and ``skip_checks`` is the argument of that call.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ _current: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
 
 @contextmanager
 def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Let the checkpoints of this thread obey a control while ``is_active`` returns true."""
+    """Let `checkpoint` in this thread obey a control while ``is_active`` returns true."""
     before = _current.set((control, is_active))
     try:
         yield
@@ -100,7 +100,7 @@ def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -
 
 
 def current_control() -> Control | None:
-    """Return the control that the checkpoints of this thread obey."""
+    """Return the control that `checkpoint` obeys in this thread; None if there is none."""
     current = _current.get()
     return current[0] if current else None
 

@@ -32,9 +32,9 @@ _POLL_SECONDS = 0.1  # time between two calls of `is_wanted`
 class Processes(Executor):
     """Subprocesses on this machine, each of which computes in one thread.
 
-    At most ``count`` processes run; a process starts when a call first needs it. If a process dies,
-    its call raises `WorkerEndedError`; other calls are not affected, and the next call starts
-    another process. Steps of calls are reported to the thread that submitted them.
+    At most ``count`` processes run. A process starts when a call first needs it. If a process dies,
+    only its call raises `WorkerEndedError`, and the next call starts another process. Steps of
+    calls are reported to the thread that submitted them.
     """
 
     def __init__(self, count: int) -> None:
@@ -49,7 +49,11 @@ class Processes(Executor):
         return self._threads.submit(self._call, call, copy_context())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Refuse further calls; ``cancel_futures`` also ends running calls at once."""
+        """Refuse further calls.
+
+        With ``wait``, wait for running calls and then end the processes. With ``cancel_futures``,
+        end running calls and processes at once.
+        """
         self._threads.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
         if wait or cancel_futures:
             for worker in self._workers:
@@ -75,12 +79,13 @@ def completed(
     is_wanted: Callable[[], bool],
     submitted_max: int = CALLS_SUBMITTED_MAX,
 ) -> Iterator[tuple[Task, Future[Result]]]:
-    """Submit tasks and yield each with its future when it completes, while ``is_wanted``.
+    """Submit tasks, and yield each task with its future when it completes.
 
     ``submit`` submits a task to an executor, at most ``submitted_max`` tasks at once. The deque
-    ``tasks`` is submitted from the left, with tasks that are added during the iteration.
-    ``is_wanted`` is called before each submission, and ten times a second. Calls that are still
-    running at the end are not cancelled.
+    ``tasks`` is submitted from the left, with tasks that are added during the iteration. The
+    iteration ends when all tasks are complete or ``is_wanted`` returns false. This is checked
+    before each submission, and ten times a second. Calls that are still running at the end are not
+    cancelled.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():
@@ -98,7 +103,7 @@ def completed(
 
 
 def in_order(numbered: Iterable[tuple[int, Result]]) -> Iterator[Result]:
-    """Yield items numbered 0, 1, 2, ... in the order of their numbers."""
+    """Yield the items of pairs (number, item) in the order of their numbers 0, 1, 2, ..."""
     early, following = dict[int, Result](), 0
     for number, each in numbered:
         early[number] = each

@@ -16,20 +16,23 @@ _named_types: set[type] = set()
 
 
 def sent_by_name(named: Type) -> Type:
-    """Decorate an immutable class whose objects are sent by their ``digest``."""
+    """Register an immutable class, as a decorator, so that its ``digest`` is sent as a name."""
     _named_types.add(named)
     return named
 
 
 class Parcel(NamedTuple):
-    """A pickled value without its named values, and pickles of those that the receiver lacks."""
+    """A pickled value, and separate pickles of those named values in it that the receiver lacks."""
 
     content: bytes
     names: tuple[str, ...]
     values: dict[str, bytes]
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the value and its named values, which are in ``known`` or in the parcel."""
+        """Return the value, and the named values in it by name.
+
+        ``known`` are the named values that the receiver already has.
+        """
         received = {name: pickle.loads(content) for name, content in self.values.items()}
         named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))
@@ -56,7 +59,10 @@ class _Unpickler(pickle.Unpickler):
 
 
 def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, Any]]:
-    """Return a parcel for a receiver with ``known`` names, and the named values in the value."""
+    """Return a parcel with a value, and the named values in it by name.
+
+    The parcel omits the named values that the receiver already has; ``known`` are their names.
+    """
     file, named = io.BytesIO(), dict[str, Any]()
     pickler = _Pickler(file, protocol=5)
     pickler.named = named

@@ -1,8 +1,8 @@
 """A child process, and the messages to and from it: pickles preceded by their length.
 
-Answers come through a socket where the platform has one. A socket receives a long answer in a
-single call without the interpreter, which a drawing window releases only once per frame. A pipe
-needs the interpreter every 64 KiB.
+Answers are received through a socket where the platform has one. A socket receives a long answer in
+a single call without Python's interpreter lock, which a drawing window releases only once per
+frame. A pipe needs the lock every 64 KiB.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ class ChildProcess:
 def separate_group() -> dict[str, Any]:
     """Return options of `subprocess.Popen` for a process that Ctrl-C does not reach.
 
-    A terminal sends Ctrl-C to a complete group of processes, and only the main process handles it.
+    A terminal sends Ctrl-C to a complete group of processes, and only the main process should
+    handle it.
     """
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -92,7 +93,7 @@ def separate_group() -> dict[str, Any]:
 
 
 def kill_all() -> None:
-    """Kill all child processes at once, for a process that ends without cleaning up."""
+    """Kill all child processes at once, before this process ends without cleaning up."""
     for process in list(_running):
         process.kill()
 
@@ -126,7 +127,7 @@ def _send(pipe: IO[bytes], message: object) -> None:
 
 
 def _receive(read: Callable[[memoryview], int]) -> Any:
-    """Read one message; a call of ``read`` fills at least the beginning of a buffer."""
+    """Read one message with ``read``, which fills at least the beginning of a buffer."""
     return pickle.loads(_read_exactly(read, int.from_bytes(_read_exactly(read, _LENGTH_BYTES))))
 
 

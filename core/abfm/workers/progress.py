@@ -2,8 +2,8 @@
 
 The work runs inside ``with step("factoring", work=n**1.5)``, the caller inside ``with
 reporting_steps(show)``. The duration of a step is extrapolated from earlier steps of the same name
-in this process. They are mostly smaller, since a match factors its coarse meshes first. No computed
-result depends on it.
+in this process. These steps are mostly smaller, since a match factors its coarse meshes first. No
+computed result depends on the durations.
 """
 
 from __future__ import annotations
@@ -38,7 +38,10 @@ class Step:
     began: float = field(default_factory=time.monotonic)  # start, by `time.monotonic`
 
     def share(self, now: float | None = None) -> float | None:
-        """Return the completed share, 0 to 1, at a time; None if it is unknown. It never falls."""
+        """Return the completed share, 0 to 1, at time ``now``; None if it is unknown.
+
+        The share never decreases.
+        """
         if self.done is not None or self.expected is None:
             return self.done
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
@@ -102,7 +105,7 @@ _lock = threading.Lock()
 
 @contextmanager
 def reporting_steps(listener: StepListener) -> Iterator[None]:
-    """Report every step that begins in this thread to a listener, and None if there is no step."""
+    """Call a listener with each step that this thread begins, and with None if none remains."""
     before = _step_listener.set(listener)
     try:
         yield
@@ -122,8 +125,9 @@ def step(
 ) -> Iterator[Callable[[float], None]]:
     """Report a step while the context lasts; yield a function to report its completed share.
 
-    ``work`` is the amount of work in a unit of the task. ``about`` is added to the name in reports,
-    for example the size. ``since`` is the start by `time.monotonic`, by default now.
+    ``work`` is the amount of work, in a unit that depends on the task; it predicts the duration.
+    ``about`` is added to the name in reports, for example the size. ``since`` is the start by
+    `time.monotonic`, by default now.
     """
     known = _rates.get(task)
     expected = known[0] * work if known and work else None
@@ -167,7 +171,11 @@ def _counted(items: Collection[Item], done: Callable[[float], None]) -> Iterator
 
 
 def _store_rate(task: str, rate: float, work: float) -> None:
-    """Store the rate of a large work; rates of small works on a busy machine do not predict it."""
+    """Store the seconds per unit of work of a task, to predict its next duration.
+
+    Work of less than a quarter of the largest work is ignored. On a busy machine, its rate does not
+    predict the rate of large work.
+    """
     if rate * work < _SECONDS_MIN:
         return
     with _lock:

@@ -39,11 +39,11 @@ _answer: ContextVar[Callable[[MessageKind, object], None]] = ContextVar(
 
 
 class WorkerEndedError(AbfmError):
-    """The process has ended, by `Worker.close` or from outside."""
+    """The process of a `Worker` has ended, by `Worker.close` or from outside."""
 
 
 class Call(Generic[Result]):
-    """A call of a function in the process; `result` waits for it."""
+    """A call of a function in the process of a `Worker`; `result` waits for the return value."""
 
     def __init__(self, connection: _Connection, number: int, is_immediate: bool) -> None:
         self._connection, self.number, self.is_immediate = connection, number, is_immediate
@@ -54,8 +54,8 @@ class Call(Generic[Result]):
         """Wait for the return value, or raise the error of the function.
 
         Meanwhile steps and warnings of the library are reported as if they were of this thread. The
-        control of this thread pauses and cancels the call, and ``on_report`` receives the reports.
-        A call is cancelled if waiting for it is interrupted.
+        control of this thread pauses and cancels the call. ``on_report`` is called with each report
+        of the function (see `report`). The call is cancelled if waiting for it is interrupted.
         """
         control, is_over = current_control(), False
 
@@ -90,17 +90,17 @@ class Call(Generic[Result]):
 
 
 def no_state() -> None:
-    """Make the state of a worker whose functions need none."""
+    """Return None, the state of a worker whose functions need no state."""
 
 
 class Worker(Generic[State]):
-    """Calls functions one after the other in a subprocess, with the state as the first argument.
+    """Calls functions one after the other in a subprocess, with a state as the first argument.
 
     The process starts with the first call, and again with the next call if it has ended. It ends
     when the worker is closed or garbage-collected. ``make_state`` makes the state in the process.
-    Like all functions, it must be importable there. ``ended_message`` is the message of the
-    `WorkerEndedError` if the process has ended. ``environment`` has changed environment variables
-    of the process.
+    Like all called functions, it must be importable there. ``ended_message`` is the message of the
+    `WorkerEndedError` if the process has ended. ``environment`` has environment variables that are
+    changed for the process.
     """
 
     def __init__(
@@ -146,7 +146,10 @@ class Worker(Generic[State]):
         *given: Arguments.args,
         **_: Arguments.kwargs,
     ) -> Call[Result]:
-        """Call a short function at once, even during a call; WorkerEndedError if none runs."""
+        """Call a short function at once, even during another call.
+
+        Raise a WorkerEndedError if the process has not started.
+        """
         if self._connection is None:
             raise WorkerEndedError(self._ended_message)
         return self._connection.call(function, given, True)
@@ -169,7 +172,7 @@ class Worker(Generic[State]):
 
 
 class _Connection:
-    """The connection to one process; one of the waiting threads distributes its answers."""
+    """The connection to one process; a thread that waits for an answer distributes all answers."""
 
     def __init__(
         self,
@@ -249,7 +252,10 @@ class _Connection:
                 self._sending.release()
 
     def _distribute(self, answers: list[Answer]) -> None:
-        """Pass each answer to its call, and steps also to all later calls, which wait for it."""
+        """Pass each answer to its call.
+
+        Steps are also passed to all later calls, which wait for that call.
+        """
         for answer in answers:
             is_step = answer.kind == "step"
             if is_step:
@@ -268,8 +274,8 @@ def report(content: object) -> None:
 class Server:
     """The main loop of the process: it reads requests, one thread computes, and one answers.
 
-    The process ends if the parent ends or if there is no memory. The first message makes the state
-    that all functions receive.
+    The process ends if the parent ends or if there is no memory. The first message is a function
+    that makes the state, the first argument of all called functions.
     """
 
     def __init__(self) -> None:

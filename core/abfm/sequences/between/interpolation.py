@@ -9,7 +9,7 @@ from abfm.types import FloatArray
 def interpolate(
     flow: abfm.flow.Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
 ) -> FloatArray:
-    """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
+    """Return the function at fractions ``shares`` (T,) of an interval, (T, V) or (T, V, C).
 
     The frames ``before`` and ``after``, (V,) or (V, C), are advected along the flow of the interval
     to each time. They are then blended in proportion to their distance in time. ``motion``

@@ -40,16 +40,18 @@ class MotionEvidence(NamedTuple):
 
 
 def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
-    """Hold out a frame of a few pairs of intervals, and find the motion between its neighbours.
+    """Return the share of motion with which the neighbours of held-out frames predict them best.
 
-    Let ``f`` be the frame, ``b`` the blend of its neighbours at its time, and ``a`` the function
-    that the motion between them gives there. The share is ``sum <f - b, a - b> / sum ||a - b||^2``.
-    It is the least-squares solution: ``b + share (a - b)`` is closest to ``f``. Noise alone makes
-    it about 1/2, since motion averages it over two places. Standing waves have smaller shares.
+    A few frames are held out, and the motion between the two neighbours of each is found. Let ``f``
+    be this frame, ``b`` the blend of its neighbours at its time, and ``a`` the function that
+    the motion between them gives there. The share is ``sum <f - b, a - b> / sum ||a - b||^2``. It
+    is the least-squares solution: ``b + share (a - b)`` is closest to ``f``. Noise alone makes it
+    about 1/2, since motion averages noise over two positions. Standing waves have smaller shares.
 
-    The field between the neighbours may differ from those of the two intervals. If these are the
-    same motion, the neighbours are too far apart to find it, and the share is unknown. Otherwise no
-    field is a motion for longer than one interval, and the share is 0.
+    The field between the neighbours may differ from the fields of the two intervals. If the latter
+    are the same motion, the neighbours are too far apart to find it, and the share is unknown. If
+    they also differ from each other, no field is a motion for longer than one interval, and the
+    share is 0.
     """
     product = square = variance = 0.0
     # products of the rates of change of the frame by the found field and by those of both intervals
@@ -76,7 +78,12 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
 
 
 class _Evidence(NamedTuple):
-    """Sums over a held-out frame. ``variance`` is the variance of ``product`` that noise causes."""
+    """Sums over the vertices of a held-out frame, from which the share of motion follows.
+
+    The share is ``product / square``, and noise causes the variance ``variance`` of ``product``.
+    ``fields`` are the `_products` of three fields: between the neighbours, and of the two
+    intervals.
+    """
 
     product: float
     square: float
@@ -85,9 +92,10 @@ class _Evidence(NamedTuple):
 
 
 def _middles(solver: SequenceSolver) -> list[int]:
-    """Return the frames to hold out: those whose neighbours differ about as much as the median.
+    """Return the indices of the frames to hold out.
 
-    If most intervals are motions, only frames between two such intervals are candidates.
+    The neighbours of these frames differ from each other by about the median difference. If most
+    intervals are motions, only frames between two such intervals are candidates.
     """
     is_uncoupled, frames = solver.is_uncoupled, solver.frames
     if 2 * np.count_nonzero(is_uncoupled) >= len(is_uncoupled):
@@ -104,7 +112,7 @@ def _middles(solver: SequenceSolver) -> list[int]:
 
 
 def _counts(frames: Frames) -> FloatArray:
-    """Return the square roots of the weights of values (area, mask and channel), (V, C)."""
+    """Return the square root of the weight of each value (area, mask and channel), (V, C)."""
     areas = vertex_areas(frames.mesh.normalized())
     if frames.mask is not None:
         areas = areas * frames.mask
@@ -139,10 +147,10 @@ def _evidence(solver: SequenceSolver, middle: int) -> _Evidence:
 
 
 def _products(frames: Frames, middle: int, fields: FloatArray) -> FloatArray:
-    """Return the products (N, N), over the surface, of the rates of change of a frame by fields.
+    """Return the inner products (N, N) of the rates at which N fields (N, F, 2) change a frame.
 
-    The fields are (N, F, 2). Where the frame is flat, and along its contours, fields do not change
-    it and only smoothness determines them.
+    ``middle`` is the index of the frame. Where the frame is flat, and along its contours, fields do
+    not change it. Only smoothness determines fields there.
     """
     mesh = frames.mesh.normalized()
     areas, derive = face_areas(mesh), gradient(mesh)

@@ -32,9 +32,10 @@ class FramesFile(NamedTuple):
 
 
 def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
-    """Return frames from columns; values at sources are interpolated.
+    """Return frames from the columns of a file.
 
-    ValueError if the columns are labels or do not fit the mesh.
+    If ``are_sources``, the rows are sources of a source estimate, and values are interpolated to
+    the vertices. Raise a ValueError if the columns are labels or do not fit the mesh.
     """
     found = found.by_vertex()
     if any(found.keys):
@@ -48,10 +49,10 @@ def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> 
 
 
 def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) -> FramesFile:
-    """Return frames (T, V) or (T, V, C) as real numbers; any axis may be the vertices.
+    """Return frames as real numbers (T, V) or (T, V, C), with the axis of the vertices moved.
 
-    If several axes have the size of the vertices, the second one is used; if ``frames_first`` is
-    False, the first one.
+    The axis of the vertices is the one with as many entries as the mesh has vertices. If several
+    axes have this size, it is the second one, or without ``frames_first`` the first one.
     """
     given, times, notes = found.values, found.times, [*found.notes]
     if given.ndim not in (2, 3) or given.size == 0:
@@ -88,7 +89,7 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
 
 
 def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
-    """Raise an error for a table (V, T) whose first column has the numbers of its rows."""
+    """Raise a ValueError if the first column of a table (V, T) numbers the vertices."""
     count = len(given)
     for begin in (0, 1):
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):

@@ -42,7 +42,7 @@ TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Points (n, 3) of a file, a named array of point data (n, C), and the time (or NaN)."""
+    """Content of a VTK file: points (n, 3), a named array of point data (n, C), the time or NaN."""
 
     points: FloatArray
     values: FloatArray
@@ -51,7 +51,11 @@ class Grid(NamedTuple):
 
 
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
-    """Read point data of a .pvd, .series or numbered .vtu or .vtp file; OSError or ValueError."""
+    """Read frames from point data of a .pvd or .series list, or of numbered VTK files.
+
+    ``array`` is the name of the point data, needed if there are several. Raise an OSError or a
+    ValueError if files are missing or invalid.
+    """
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
         raise ValueError("it lists no files")
@@ -72,7 +76,7 @@ def _collection(file: Path) -> list[TimedFile]:
 
 
 def _series(file: Path) -> list[TimedFile]:
-    """Read ParaView's list of files in JSON."""
+    """Return the times and paths of the files in a .series file, ParaView's list in JSON."""
     content = from_json(read_bytes(file))
     files = content.get("files") if isinstance(content, dict) else None
     entries = []
@@ -88,7 +92,10 @@ def _series(file: Path) -> list[TimedFile]:
 
 
 def _numbered(file: Path) -> list[TimedFile]:
-    """Find all files whose names differ only in the number at the end."""
+    """Return all files whose names differ from that of a file only in the number at the end.
+
+    Their times are NaN.
+    """
     with_number = _NUMBERED_NAME.fullmatch(file.name)
     if with_number is None:
         raise ValueError(
@@ -111,9 +118,10 @@ _LISTS: dict[Format, Callable[[Path], list[TimedFile]]] = {
 
 
 def files_of_frames(path: str) -> list[str]:
-    """Return the files of a VTK list, or the files that differ from a numbered file in its number.
+    """Return the files of a VTK list, or all files of which a numbered file is one.
 
-    The list is empty for files with another ending, and for files that cannot be read.
+    The names of numbered files differ only in the number at the end. The list is empty for files
+    with another ending, and for files that cannot be read.
     """
     file = Path(os.path.expanduser(path))
     form = ENDINGS.get(file.suffix.lower())

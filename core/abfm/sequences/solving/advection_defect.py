@@ -21,8 +21,8 @@ _SMOOTHING_STEPS = 4  # a step moves values halfway to the mean of their neighbo
 def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
     """Return the source advected by the discrete flow minus that by flow lines, (C, V).
 
-    The field is (F, 2). Noise moves along flow lines, but hardly with the discrete flow.
-    Differences between neighbours depend on the place in its face where a flow line ends. The
+    The field is (F, 2). The discrete flow hardly moves noise, but flow lines do. With flow lines,
+    neighbouring vertices also differ by the position in a face at which their flow line ends. The
     result is therefore smoothed. It is 0 if flow lines cross too many faces.
     """
     mesh, x, source = energy.mesh, field[None], energy.functions.source
@@ -37,12 +37,14 @@ def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
 
 
 def quadratic_values(points: SurfacePoints, functions: FloatArray) -> FloatArray:
-    """Evaluate functions (C, V) at points, (C, P), by slopes and curvature instead of linearly.
+    """Return the values (C, P) of functions (C, V) at points, interpolated quadratically.
 
-    With barycentric weights ``l`` the value is
-    ``sum_i l_i f_i - 1/2 sum_ij l_i l_j (df_j - df_i)(x_j - x_i)`` over the edges, with the slopes
-    ``df_i`` at vertices. It is exact if ``f`` is quadratic and the slopes are exact. Linear
-    interpolation would flatten a wave wherever a flow line ends inside a face.
+    With barycentric weights ``l`` and slopes ``df_i`` at vertices, the value is a sum over edges:
+
+        sum_i l_i f_i - 1/2 sum_ij l_i l_j (df_j - df_i)(x_j - x_i)
+
+    It is exact if ``f`` is quadratic and the slopes are exact. Linear interpolation would flatten a
+    wave wherever a flow line ends inside a face.
     """
     mesh, weights = points.mesh, points.barycentric
     corners = mesh.faces[points.faces]

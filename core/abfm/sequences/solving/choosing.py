@@ -2,8 +2,9 @@
 
 The patches of `abfm.matching.solving.held_out` are distributed over three intervals, spread over
 time. With fewer intervals, each has several parts of the patches. The first norm is tried with
-decreasing sigmas from the largest one. The other norms start from its fields, at a sigma of about
-the same smoothness. They try smaller and larger sigmas only if they predict nearly as well.
+decreasing sigmas from the largest one. The other norms start from the fields of the first norm, at
+a sigma of about the same smoothness. Smaller and larger sigmas are tried only for norms that
+predict nearly as well.
 """
 
 from __future__ import annotations
@@ -86,8 +87,8 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
     """Return the norm with the smallest residual on held-out patches, and sigma.
 
     The patches are in a few intervals. Sigma is the largest one that, with this norm, explains
-    nearly as much as the best sigma. ParameterError if sigma is not given, and there are too few
-    vertices to hold any out.
+    nearly as much as the best sigma. Given parameters are not changed. ParameterError if sigma is
+    not given, and there are too few vertices to hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     given_norm = Norm(given.order, given.alpha)
@@ -113,7 +114,7 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
 
 
 class _HeldOut:
-    """Residuals of held-out patches with one norm, on a few intervals, by the sigmas tried."""
+    """Residuals on the held-out patches of a few intervals, with one norm, for each tried sigma."""
 
     def __init__(
         self, given: _ChoiceInput, intervals: Sequence[int], norm: Norm, sigmas: Sequence[float]
@@ -150,7 +151,11 @@ class _HeldOut:
         return max(sigma for sigma, residual in self._residuals.items() if residual**2 <= enough)
 
     def scan(self, report: Callable[[float], None]) -> None:
-        """Decrease sigma until the residual grows; if it stays large, use long-range matches."""
+        """Decrease sigma until the residual on the held-out patches grows.
+
+        If the smallest residual is large, do this also from long-range matches. ``report`` is
+        called with the finished share.
+        """
         self._descend(report)
         if self.best_residual > max(
             _RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise
@@ -176,10 +181,11 @@ class _HeldOut:
                 break
 
     def start_near(self, other: _HeldOut, best: float) -> None:
-        """Start from the fields of another norm, at the sigma of about the same smoothness.
+        """Try a sigma with this norm, starting from the fields of another norm.
 
-        If the residual is within a ratio `_RESIDUAL_RATIO_MAX` of the smallest one, ``best``,
-        smaller and larger sigmas are tried.
+        The sigma gives about the same smoothness as the best sigma of the other norm. ``best`` is
+        the smallest residual of earlier norms. If the new residual is at most `_RESIDUAL_RATIO_MAX`
+        times as large, smaller and larger sigmas are also tried.
         """
         for search, of_other in zip(self.searches, other.searches, strict=True):
             search.starts = of_other.starts
@@ -194,7 +200,10 @@ class _HeldOut:
             self._improve(at, -1)
 
     def _improve(self, at: int, direction: int) -> bool:
-        """Try lower (1) or higher (-1) sigmas while the residual falls; return whether it fell."""
+        """Try lower (``direction`` 1) or higher (-1) sigmas while the residual falls.
+
+        The first one is next to the sigma of index ``at``. Return whether the residual fell.
+        """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):
             at += direction
@@ -214,9 +223,10 @@ class _HeldOut:
 
 
 class _IntervalSearch:
-    """Fields of one interval, each without the patches of one fold.
+    """Fields of one interval, one for each fold of a cross-validation.
 
-    Only every ``count``-th fold is used, beginning with ``start``.
+    The field of a fold is found without the patches that the fold holds out. Only every
+    ``count``-th fold is used, beginning with ``start``.
     """
 
     def __init__(
@@ -234,15 +244,16 @@ class _IntervalSearch:
         """Long-range fields from which each sigma starts; large sigmas would lose them."""
 
     def search_long_range(self) -> None:
-        """Start each sigma from a long-range match without the patches of each fold."""
+        """Find a long-range match in each fold; later minimisations start from its field."""
         self.starts = [long_range_field(interval.energy) for interval, _ in self.folds]
 
     def minimise(
         self, sigma: float, fields: Sequence[FloatArray]
     ) -> tuple[float, list[FloatArray]]:
-        """Minimise from fields (F, 2) of each fold.
+        """Minimise the energy in each cross-validation fold, from initial fields (F, 2).
 
-        Return the mean squared residual on the held-out patches, and the fields.
+        Long-range fields replace the initial fields once they are found. Return the mean squared
+        residual on the held-out patches, and the fields.
         """
         given, squares, found = self._given, list[float](), list[FloatArray]()
         sigma = sigma_of(given.frames, given.parameters, sigma, self._duration)
@@ -257,10 +268,10 @@ class _IntervalSearch:
 
 
 def long_range_field(energy: MatchingEnergy) -> FloatArray:
-    """Return the field (F, 2) of a long-range match.
+    """Return the field (F, 2) of a match that compares functions over long distances.
 
-    The match has a time of 1, because the duration of the interval would change the balance of its
-    terms.
+    The match has an end time of 1, because the duration of the interval would change the balance of
+    the energy terms.
     """
     found = match(energy.problem.with_parameters(_LONG_RANGE))
     speed = found.parameters.tau / (energy.parameters.tau * energy.length_scale)
@@ -278,7 +289,10 @@ def change_rates(frames: Frames) -> FloatArray:
 
 
 def _spread(changed: FloatArray, count: int) -> list[int]:
-    """Return the intervals at the upper quartile of changes in each of ``count`` parts of time."""
+    """Return the indices of ``count`` intervals with large changes, spread over time.
+
+    Each is at the upper quartile of the changes in one of ``count`` parts of time.
+    """
     parts = np.array_split(np.arange(len(changed)), min(count, len(changed)))
     return [
         int(part[np.argsort(changed[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts

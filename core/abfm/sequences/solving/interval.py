@@ -1,4 +1,4 @@
-"""The field of one interval, whose flow maps one frame to the next, close to adjacent fields.
+"""The field of one interval: its flow maps one frame to the next, and adjacent fields are close.
 
 The field is found by Gauss-Newton. Energy and gradient are those of the discrete flow (Eq. 6),
 without approximation. The second derivative is that of the linear problem at the advected frame.
@@ -34,9 +34,10 @@ Apply = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Neighbour:
-    """A field (F, 2) that adds ``weight`` times ``1/2 ||v - field||_alpha^2`` to the energy.
+    """The field (F, 2) of an adjacent interval, to which the field ``v`` should be close.
 
-    The term is multiplied by the duration of the interval.
+    It adds ``weight`` times ``1/2 ||v - field||_alpha^2`` times the duration of the interval to the
+    energy.
     """
 
     field: FloatArray
@@ -45,7 +46,7 @@ class Neighbour:
 
 @dataclass(frozen=True, eq=False)
 class FieldPoint:
-    """A field (F, 2) with its evaluation, and its energy including the neighbours."""
+    """A field (F, 2), its evaluation, and its energy with the terms of adjacent fields."""
 
     field: FloatArray
     at: Evaluation
@@ -72,11 +73,11 @@ class Interval:
     def minimise_by_cooling(
         self, sigma: float, sigma_max: float, start: FloatArray | None
     ) -> FieldPoint:
-        """Minimise with decreasing sigmas, down to ``sigma``.
+        """Minimise the energy with decreasing sigmas, down to ``sigma``.
 
         The minimisation begins at ``start`` (F, 2) with the second smallest sigma, if the flow of
-        ``start`` reduces the mismatch. Otherwise it begins with no motion and the largest sigma. A
-        larger sigma smooths excess motion of the start.
+        ``start`` reduces the mismatch. This sigma smooths excess motion of ``start``. Otherwise the
+        minimisation begins with no motion and the largest sigma.
         """
         objective = self._objective(sigma)
         zero_point = self._evaluated(objective, np.zeros(self.energy.shape[1:]))
@@ -92,7 +93,10 @@ class Interval:
         return point
 
     def minimise(self, sigma: float, field: FloatArray, steps: int = _STEPS_MAX) -> FieldPoint:
-        """Minimise from a field (F, 2) in at most ``steps`` steps; stop if one gains little."""
+        """Minimise the energy from a field (F, 2), in at most ``steps`` steps.
+
+        Stop after a step that hardly reduces the energy.
+        """
         objective = self._objective(sigma)
         point = self._evaluated(objective, field)
         for _ in range(steps):
@@ -137,11 +141,14 @@ class Interval:
 
     @property
     def _stiffness(self) -> float:
-        """Factor of the norm of the field in the energy, with the terms of the neighbours."""
+        """Factor of the squared norm of the field in the energy, with adjacent fields."""
         return self._tau * (1 + sum(each.weight for each in self._neighbours))
 
     def _hessian(self, sigma: float, at: Evaluation) -> Apply:
-        """Return the Hessian of the linear problem halfway between advected frame and target."""
+        """Return a function that applies the Hessian of the linearised problem to a field (F, 2).
+
+        The problem is linearised halfway between the advected frame and the target.
+        """
         mesh, functions = self.energy.mesh, self.energy.functions
         mean, derive = averaging(mesh), gradient(mesh)
         halfway = 0.5 * (at.advected - self._shift + functions.target)
@@ -159,7 +166,7 @@ class Interval:
         return apply
 
     def _conjugate_gradients(self, hessian: Apply, right_side: FloatArray) -> FloatArray:
-        """Solve by conjugate gradients, preconditioned by the norm."""
+        """Solve ``hessian(x) = right_side`` by conjugate gradients, preconditioned by the norm."""
         found, residual = np.zeros_like(right_side), right_side.copy()
         direction = preconditioned = self._norm.inverse(residual) / self._stiffness
         first = size = _inner(residual, preconditioned)
@@ -179,7 +186,7 @@ class Interval:
 
 
 def cooling(sigma: float, sigma_max: float) -> list[float]:
-    """Return sigmas that decrease to ``sigma``, beginning with at most ``sigma_max``."""
+    """Return sigmas that decrease to ``sigma`` by `COOLING_FACTOR`, from at most ``sigma_max``."""
     found = [sigma]
     while found[0] * COOLING_FACTOR <= sigma_max:
         found.insert(0, found[0] * COOLING_FACTOR)

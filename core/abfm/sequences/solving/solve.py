@@ -72,9 +72,11 @@ class SequenceSolver:
     def run(
         self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
     ) -> None:
-        """Solve all intervals that are not solved; if cancelled, the solved ones remain.
+        """Find the fields of all unsolved intervals, and then improve all fields.
 
-        After each step, the public attributes hold the complete state for resuming.
+        ``on_interval`` is called with the index of each solved interval, and ``on_step`` after each
+        step. The public attributes then hold the complete state for resuming. If the run is
+        cancelled, solved intervals keep their fields.
         """
         if not self.is_chosen:
             self.choose(*choose_norm(self.frames, self.given, self.levels))
@@ -102,10 +104,11 @@ class SequenceSolver:
         return explains_too_little(energy.functions, self.levels, residual)
 
     def initial_point(self, i: int) -> FieldPoint:
-        """Return the field of an interval, starting from that of the previous interval.
+        """Find the field of interval ``i``, starting from the field of the previous interval.
 
-        If the residual stays large, the start is minimised without larger sigmas, which would
-        reduce the motion. If the residual is still large, a long-range match is the start.
+        If the residual is large, minimise again from the previous field without larger sigmas,
+        which would reduce its motion. If the residual is still large, start from a long-range
+        match.
         """
         sigma, sigma_max = self._sigmas(i)
         start = self.fields[i - 1] if i else None
@@ -134,10 +137,10 @@ class SequenceSolver:
         return found
 
     def _is_better(self, energy: MatchingEnergy, long_range: FieldPoint, found: FieldPoint) -> bool:
-        """Return whether a long-range field has less energy than the found field.
+        """Return whether a long-range field is better than the field ``found`` without one.
 
-        Measured functions cannot be matched completely. If the found field explains part of their
-        change, the long-range field must have less than half of its energy.
+        It must have less energy. Measured functions cannot be matched completely. If ``found``
+        explains part of their change, the long-range field must have less than half of its energy.
         """
         is_part = is_measured(energy.functions) and not self._is_no_motion(energy, found)
         return long_range.energy < (_ENERGY_SHARE_MAX if is_part else 1.0) * found.energy
@@ -145,7 +148,7 @@ class SequenceSolver:
     def _has_large_residual(
         self, energy: MatchingEnergy, found: FieldPoint, by_flow_lines: bool = False
     ) -> bool:
-        """Return whether the residual of an interval is large and exceeds noise.
+        """Return whether the residual of an interval exceeds noise and a share of the initial one.
 
         The residual is that of the discrete flow, or with ``by_flow_lines`` the larger of both
         checks.
@@ -160,7 +163,10 @@ class SequenceSolver:
         )
 
     def _smooth_in_time(self, on_step: Callable[[], object] = lambda: None) -> None:
-        """Sweep back and forth through time until the total energy, by flow lines, hardly falls."""
+        """Correct all fields, backwards and forwards in time, until the total energy hardly falls.
+
+        Flow lines measure the energy, and the fields of adjacent intervals are coupled.
+        """
         count = len(self.fields)
         if not self.swept_intervals:
             with stepped("tracing flow lines", range(count)) as intervals:
@@ -182,7 +188,10 @@ class SequenceSolver:
         self._defects.clear()
 
     def _correct_each(self, on_step: Callable[[], object]) -> None:
-        """Correct each interval separately until its energy, by flow lines, hardly falls."""
+        """Correct each field, without coupling, until its energy hardly falls.
+
+        Flow lines measure the energy.
+        """
         count = len(self.fields)
         with step("correcting by flow lines") as report:
             while self.swept_intervals < _SWEEPS_MAX * count:
@@ -206,10 +215,10 @@ class SequenceSolver:
         self.energies[i] = interval.minimise(self._sigmas(i)[0], self.fields[i], 0).at.energy
 
     def _correct(self, i: int, adjacent: Sequence[int] = ()) -> None:
-        """Minimise an interval's energy with the advection defect of its field subtracted.
+        """Minimise the energy of interval ``i`` with the advection defect of its field subtracted.
 
-        The method is a defect correction [Stetter 1978]. The new field is accepted if it has less
-        energy by flow lines.
+        The field is coupled with those of the intervals ``adjacent``. The method is a defect
+        correction [Stetter 1978]. The new field is accepted if it has less energy by flow lines.
         """
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
@@ -235,10 +244,10 @@ class SequenceSolver:
         return float(self.energies.sum() + coupling_energy)
 
     def _coupling(self, i: int, j: int) -> float:
-        """Return the weight of the difference between the fields of neighbouring intervals.
+        """Return the weight of the difference between the fields of two adjacent intervals.
 
-        The weight is gamma times the shorter duration if both intervals are motions. A gap without
-        motion should not be as fast as its neighbours.
+        The weight is gamma times the shorter duration if both intervals have motion, and otherwise
+        0. An interval without motion should not become as fast as its neighbours.
         """
         if self.is_uncoupled[i] or self.is_uncoupled[j]:
             return 0.0
@@ -259,7 +268,7 @@ class SequenceSolver:
         return Interval(self.energy(i), neighbours, shift)
 
     def _sigmas(self, i: int) -> tuple[float, float]:
-        """Return the smallest and the largest sigma of an interval."""
+        """Return the smallest and the largest absolute sigma of an interval."""
         duration = float(self.frames.durations[i])
         sigma_min, sigma_max = (
             sigma_of(self.frames, self.given, sigma, duration) for sigma in (self.sigma, SIGMA_MAX)

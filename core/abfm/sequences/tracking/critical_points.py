@@ -77,7 +77,10 @@ def _kind(index: int, divergence: float, turning: float) -> PointKind:
 
 
 def _zeros(vectors: FloatArray) -> FloatArray:
-    """Return barycentric weights (K, 3) at which vectors at corners (K, 3, 2) cancel."""
+    """Return barycentric weights (K, 3) of the points where linear fields on K faces are zero.
+
+    A linear field is given by its vectors at the corners of the face, (K, 3, 2).
+    """
     system = np.ones((len(vectors), 3, 3))
     system[:, :2] = vectors.transpose(0, 2, 1)
     scale = np.abs(system[:, :2]).max(axis=(1, 2), initial=0.0, keepdims=True)
@@ -91,7 +94,10 @@ def _zeros(vectors: FloatArray) -> FloatArray:
 def face_indices(
     mesh: TriangleMesh, field: FloatArray, vectors: IndexArray | None = None
 ) -> IntArray:
-    """Return the index of the continuous field in each face, (F,); 0 if it has no direction."""
+    """Return the index of the continuous field in each face, (F,): its turns around the face.
+
+    The index is 0 if the field is almost 0 at all corners.
+    """
     if vectors is None:
         vectors = corner_vectors(mesh, field)
     around = corners(mesh)

@@ -19,7 +19,7 @@ _MEAN_SHARE_MIN = 0.1
 
 @dataclass(frozen=True)
 class Episode:
-    """The time around an extremum of the energy.
+    """A stable or transient period of time around an extremum of the displacement energy.
 
     The episode extends to the frames where the energy passes halfway to the adjacent extrema.
     """
@@ -62,7 +62,10 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
 
 
 def _peaks(values: FloatArray, prominence: float) -> IntArray:
-    """Return maxima with at least this prominence, including the first and the last interval."""
+    """Return the indices of the maxima with at least this prominence.
+
+    The first and the last interval can be maxima.
+    """
     # SciPy takes as long to load as all other imports of a batch row; most rows need no episodes
     from scipy.signal import find_peaks
 
@@ -72,7 +75,12 @@ def _peaks(values: FloatArray, prominence: float) -> IntArray:
 
 
 def _reach(energy: FloatArray, i: int, other: int | None, turn: int) -> int:
-    """Return the last interval, starting from an extremum, before the energy passes halfway."""
+    """Return the first or last interval of the episode around interval ``i``.
+
+    ``turn`` is -1 for the first and 1 for the last interval. Beyond it, the energy has passed
+    halfway to the adjacent extremum ``other``. Without ``other``, it is the first or last interval
+    of the sequence.
+    """
     stop = (len(energy) - 1 if turn > 0 else 0) if other is None else other
     half = energy[i] + (energy[stop] - energy[i]) / 2 if other is not None else np.inf
     j = i

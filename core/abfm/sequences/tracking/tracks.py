@@ -60,9 +60,9 @@ def tracks(
 ) -> list[Track]:
     """Link the critical points of fields at times (T,) to tracks.
 
-    Points of the same index are assigned so that the sum of distances is smallest. No distance
-    exceeds six edges, and a point may be missing in one field. Returns the tracks through at least
-    ``min_intervals`` fields, the longest first.
+    Points of consecutive fields with the same index are paired so that the sum of distances is
+    smallest. No distance exceeds six edges, and a track may miss one field. Return the tracks
+    through at least ``min_intervals`` fields, the longest first.
     """
     if not is_integer(min_intervals, 1, 1_000_000_000):
         raise ParameterError(
@@ -108,7 +108,10 @@ def _linked(
     points: CriticalPoints,
     new: IntArray,
 ) -> list[tuple[int, int]]:
-    """Return pairs of an old point and the new point that continues it."""
+    """Return pairs of an index in ``old``, and the index in ``points`` that continues its track.
+
+    ``old`` has the last point of each track. ``new`` are the indices of the points to be assigned.
+    """
     if not old or not len(new):
         return []
     # imported late, since this module is loaded with all modules of sequences
