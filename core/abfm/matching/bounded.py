@@ -71,6 +71,7 @@ def limit_distortion(
     Parameters
     ----------
     found : Match
+        Match whose distortion is limited.
     max_distortion : float
         Bound of ``|log2 J|`` and ``|log2 R|``.
     measure : callable, optional

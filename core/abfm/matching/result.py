@@ -254,8 +254,7 @@ class Match(Display):
     def with_step(self, step: PathStep) -> Match:
         """Return the match of a new step, which is appended to the path.
 
-        The measurements of the step are recomputed by both checks. AbfmError if its fields cannot
-        advect the source.
+        Both checks measure the step again. Raise AbfmError if its fields cannot advect the source.
         """
         problem = self.problem.refined(step.refined(self.mesh))
         fine_advected = _advected(problem, step.velocity)
@@ -381,7 +380,7 @@ class Match(Display):
 
     @property
     def report(self) -> Report:
-        """The report from which `facts` are made."""
+        """The verdict and the measurements from which `facts` are made."""
         return Report(
             self.verdict,
             self._evidence,

@@ -36,8 +36,8 @@ class Verification:
         Residual along flow lines: ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2, where phi is the
         flow of the continuous fields to tau.
     subdivided : float
-        Residual of the exponential of the continuous fields on the midpoint subdivision. It is inf
-        if the flow overflows or would take very long, and NaN if it was not computed.
+        Residual of the discrete flow of the continuous fields on the midpoint subdivision. It is
+        inf if the flow overflows or would take very long, and NaN if it was not computed.
     folded, flipped : float
         Shares of the faces that the inverse flow folds, and of the faces that seem flipped by their
         advected vertices alone. If the field is noise, these shares are tens of percent.

@@ -52,7 +52,7 @@ class Evaluation:
 
     @cached_property
     def gradient(self) -> FloatArray:
-        """The derivative by the frame coefficients, (N, F, 2), computed at the first use."""
+        """The derivative of the energy by ``x``, (N, F, 2), computed at the first use."""
         return self.differentiate()
 
 
@@ -140,10 +140,10 @@ class Bracket:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """The function to minimise: ``step/2 sum_j v_j^T R v_j`` plus data terms (Eq. 6).
+    """The function to minimise: ``dtau/2 sum_j v_j^T R v_j`` plus data terms (Eq. 6).
 
-    The data terms measure how far the advected functions are from the targets, and the advected
-    landmarks from their target points.
+    Here ``dtau`` is ``tau / N`` for N fields. The data terms measure how far the advected functions
+    are from the targets, and the advected landmarks from their target points.
     """
 
     regularity: Regularizer  # matrix ``R`` of the norm
@@ -214,7 +214,10 @@ class Objective:
 def advect_functions(
     flow_of: Callable[[FloatArray], Advection], x: FloatArray, functions: FloatArray
 ) -> FloatArray:
-    """Return functions (C, V) advected by the flow of fields; constant ones do not change."""
+    """Return functions (C, V) advected by the flow of fields ``x`` (N, F, 2).
+
+    If all functions are constant, they are returned without computing the flow.
+    """
     if not np.ptp(functions, axis=1).any():
         return functions
     flow = flow_of(x)
@@ -225,8 +228,8 @@ class MatchingEnergy:
     """The energy of fields: their regularity plus the mismatch of the advected functions.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c``
-    with ``dg = f_tau - g`` (Eq. 6). It refers to ``mesh``, which is scaled to unit area, with
-    lengths divided by ``length_scale``. The norm of second order has ``D_alpha^2`` in place of
+    with ``dg = f_tau - g`` (Eq. 6). The energy refers to ``mesh``, which is scaled to unit area by
+    dividing lengths by ``length_scale``. The norm of second order has ``D_alpha^2`` in place of
     ``D_alpha``. `Regularizer` describes the weight of the divergence. A relative sigma is
     multiplied by the size of the functions. The gradient is exact, or that of the paper.
 

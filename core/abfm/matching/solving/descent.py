@@ -206,8 +206,8 @@ def prolonged(levels: Levels, stage: Stage, origin: StepResult, record: Record) 
     """Transfer the fields of a coarser level to the level of a stage and evaluate them.
 
     Fields of a coarser mesh have kinks over its edges, which increase the norm of second order. If
-    the finer mesh is a subdivision, or if the parameters contain sigma, the fields are smoothed as
-    long as this lowers the energy.
+    the finer mesh is a subdivision, or if the user gives sigma, the fields are smoothed as long as
+    this lowers the energy.
     """
     energy = levels[stage.level].energy
     evaluate = search_of(energy, stage, record.count).evaluate

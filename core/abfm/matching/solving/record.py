@@ -222,7 +222,7 @@ class Record:
             self.add(levels, stage, point)
 
     def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Record an iterate and call the callback."""
+        """Record an iterate and pass it to the callback ``on_iteration``."""
         self.latest, self._level = (stage.level, point), stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)

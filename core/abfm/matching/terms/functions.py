@@ -228,8 +228,9 @@ class SmoothedNorm:
     Here A are the vertex areas, ``A_w`` the same times the mask, and L the cotangent Laplacian.
 
     If source and target do not overlap, the derivative of the L2 norm only shrinks the source. The
-    smoothing extends its range to ``sqrt(s)``, so that the source moves. The kernel is positive
-    definite, and is a linearised distance of optimal transport [Peyre, ESAIM: COCV 24 (2018)].
+    smoothing extends the range of the derivative to ``sqrt(s)``, so that the source moves. The
+    kernel is positive definite, and is a linearised distance of optimal transport [Peyre, ESAIM:
+    COCV 24 (2018)].
 
     The argument ``areas`` (V,) is ``A_w``. The factor ``c`` makes the norm of ``differences`` (C,
     V) equal to their L2 norm. Each application takes one Cholesky solve.
@@ -260,7 +261,7 @@ class SmoothedNorm:
 class _Mismatch:
     """The energy ``sum_c w_c <d_c, M d_c> / (2 (unit sigma)^2)`` with ``d = f_tau - g``.
 
-    Here ``f_tau`` is the advected source and g the target.
+    Here ``f_tau`` is the advected source, g the target, and ``w_c`` the weight of channel c.
     """
 
     functions: FunctionTerm
