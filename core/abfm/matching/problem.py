@@ -220,8 +220,8 @@ class Problem:
         """The weight of the divergence of a field relative to its curl.
 
         The weight is the parameter ``divergence``. If that is None, the weight is 1 for measured
-        functions and larger for others, so that areas are preserved. It is the same on coarser and
-        finer meshes.
+        functions. For others it is `AREA_PRESERVING_DIVERGENCE`, so that areas change less. It is
+        the same on coarser and finer meshes.
         """
         given = self.parameters.divergence
         if given is None:

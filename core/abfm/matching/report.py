@@ -48,7 +48,10 @@ def details(
 
 
 def lines(match: Match, facts: Facts | None = None) -> list[str]:
-    """Return the report of a match as lines; ``facts`` may be those of a registration."""
+    """Return the report of a match as lines of text.
+
+    ``facts`` may be those of a registration.
+    """
     facts, iterations = facts or match.facts, len(match.energy_history) - 1
     return [
         *facts.lines,

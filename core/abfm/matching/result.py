@@ -186,7 +186,7 @@ class Match(Display):
 
     @property
     def worse_residual(self) -> float:
-        """The larger one of the residuals of the discrete flow and along flow lines."""
+        """The larger one of two residuals: of the discrete flow and along flow lines."""
         return worse_residual(self.residual, self.verified_residual)
 
     @cached_property
@@ -410,7 +410,10 @@ class Match(Display):
         return self.flow.point_map(t, inverse)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
-        """Return the flow in the basis of k eigenfunctions, see `abfm.Flow.functional_map`."""
+        """Return the matrix (k, k) of the flow in the basis of k eigenfunctions.
+
+        See `abfm.Flow.functional_map`.
+        """
         return self.flow.functional_map(k, t)
 
     def distortion(self, t: float | None = None) -> Distortion:
@@ -534,7 +537,10 @@ def load_match(path: File) -> Match:
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
-    """Return the match of the arrays of a file; errors of any type if they are inconsistent."""
+    """Return the match of the arrays of a file.
+
+    Inconsistent arrays raise an error of any type.
+    """
     problem, velocity = problem_of(mesh, arrays), arrays["velocity"]
     segments, fine = problem.parameters.solver.segments, arrays.get("fine_velocity", velocity)
     if segments not in (0, len(velocity)):

@@ -25,7 +25,7 @@ class Obstacle:
 
 
 def expected_facts(problem: Problem) -> Facts | None:
-    """Return facts about the obstacle that is known before a match is solved; None without one.
+    """Return facts about an obstacle to a match, found before it is solved; None without one.
 
     The outcome is ``impossible`` if no flow can match f to g, or none can match g to f. It is
     ``nearly`` if peaks, pits or boundary values differ, as no flow can match the functions there.

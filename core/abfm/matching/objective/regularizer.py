@@ -103,7 +103,10 @@ class Regularizer:
         return momentum
 
     def inverse(self, momentum: FloatArray) -> FloatArray:
-        """Return ``R^-1 m`` by two scalar solves for each order; the first call factorises."""
+        """Return ``R^-1 m`` for a momentum m (F, 2), by two scalar solves for each order.
+
+        The first call factorises both matrices.
+        """
         v = self._invert_once(momentum)
         for _ in range(self.order - 1):
             v = self._invert_once(self._areas[:, None] * v)

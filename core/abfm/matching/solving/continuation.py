@@ -274,7 +274,7 @@ def _defect(levels: Levels, result: StepResult) -> FloatArray:
 
 
 def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
-    """Return a step as a result, with its residuals of both checks (discrete flow, flow lines)."""
+    """Measure a step by both checks (discrete flow and flow lines) and return its result."""
     levels, x = state.levels, point.x
     energy = levels.exact_energy(stage.level)
     is_exact = levels.exact(stage.level) == stage.level

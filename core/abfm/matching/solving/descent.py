@@ -79,7 +79,7 @@ def minimise(
 ) -> Progress:
     """Minimise the energy of one stage, from initial fields (N, F, 2) or their evaluation.
 
-    ``before`` is the progress of the descent before.
+    ``before`` is the progress of the previous descent.
     """
     record.schedule.append(stage)
     energy = levels[stage.level].energy

@@ -215,11 +215,15 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the same mesh as ``level``; it has clusters if possible."""
+        """Return the first level on the same mesh as ``level``.
+
+        If the mesh has thin triangles, this level has clusters of vertices, so its energy is
+        cheaper.
+        """
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
-        """Return the last level on the same mesh as ``level``; it has no clusters."""
+        """Return the last level on the same mesh as ``level``; it has no clusters of vertices."""
         is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
         return level + is_clustered
 

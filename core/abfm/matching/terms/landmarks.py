@@ -67,11 +67,17 @@ class Landmarks:
         return {name: self.__dict__[name] for name in ("faces", "barycentric", "weights")}
 
     def points(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the landmarks as points on ``mesh``, maybe the same mesh in another unit."""
+        """Return the landmarks as points.
+
+        ``mesh`` may be their mesh in another length unit; by default it has unit area.
+        """
         return SurfacePoints(mesh or self.mesh, self.faces[:, 0], self.barycentric[:, 0])
 
     def targets(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the targets as points on ``mesh``, maybe the same mesh in another unit."""
+        """Return the targets as points.
+
+        ``mesh`` may be their mesh in another length unit; by default it has unit area.
+        """
         return SurfacePoints(mesh or self.mesh, self.faces[:, 1], self.barycentric[:, 1])
 
     def misfit(self, x: FloatArray, tau: float, sigma: float) -> LandmarkMisfit:
