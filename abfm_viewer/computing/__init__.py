@@ -1,1 +1,1 @@
-"""Background jobs: values of functions, matches and other long computations."""
+"""Background jobs: evaluation of functions, matches, and other long computations."""

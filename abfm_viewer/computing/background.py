@@ -1,4 +1,4 @@
-"""Background jobs in which the latest request wins, and a one-entry memo."""
+"""Background jobs of which only the latest request counts, and a cache with one entry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ THREADS = DaemonThreads("background")  # threads for all work that the window do
 
 
 def error_line(error: BaseException) -> str:
-    """Return an error as one line, which names its class unless it is about the user's input."""
+    """Return the message of an error in one line.
+
+    The name of the error's class is added, unless the error is about the user's input.
+    """
     text = one_line(str(error), MESSAGE_LENGTH_MAX)
     if isinstance(error, AbfmError | OSError):
         return text
@@ -35,7 +38,7 @@ def error_line(error: BaseException) -> str:
 
 
 def same(one: object, other: object) -> bool:
-    """Return whether two objects or tuples are equal; arrays are equal only if identical."""
+    """Return whether two objects are equal; tuples are compared by entry, arrays by identity."""
     if one is other:
         return True
     if isinstance(one, tuple) and isinstance(other, tuple):
@@ -45,7 +48,7 @@ def same(one: object, other: object) -> bool:
 
 
 class Memo(Generic[Value]):
-    """A cache with one entry, which is valid while its inputs are the `same`."""
+    """A cache with one entry, which is valid while its inputs are the `same` as before."""
 
     def __init__(self) -> None:
         self._entry: tuple[tuple[object, ...], Value] | None = None
@@ -57,14 +60,14 @@ class Memo(Generic[Value]):
 
 
 class Latest(Generic[Value]):
-    """Computes the latest request in `THREADS`; earlier requests that have not begun are dropped.
+    """Computes the latest request in a thread; older requests that have not begun are dropped.
 
-    Keys are compared by `same`; None is not a key. `value` is the latest result and `key` its key.
-    `error` is the message, in one line, if the computation failed. With ``at_once`` the caller's
-    thread computes.
+    A request is identified by its key, which is compared by `same` and must not be None. `value` is
+    the latest result and `key` its key. If the computation failed, `error` is the message in one
+    line. With ``at_once`` requests are computed in the thread of the caller.
 
-    At any time there is one requested key, and at most one waiting, one running and one finished.
-    Three invariants hold until the object is retired:
+    At any time there is one requested key, and at most one key each that is waiting, running or
+    finished. Three invariants hold until the object is retired:
 
     - The requested key is waiting, running or finished.
     - The waiting key is the requested key.
@@ -93,12 +96,15 @@ class Latest(Generic[Value]):
 
     @property
     def is_running(self) -> bool:
-        """Whether any job is running, also one whose result is no longer requested."""
+        """Whether any job is running, even one whose result is no longer requested."""
         with self._condition:
             return self._running is not None
 
     def request(self, key: object, compute: Callable[[], Value]) -> Value | None:
-        """Request a key; return its value, or None while the value is being computed."""
+        """Request the value of a key from ``compute``; return it, or None while it is computed.
+
+        The result is also None if the computation failed; see `error`.
+        """
         with self._condition:
             is_new, self._requested = not same(key, self._requested), key
             if same(key, self.key):
@@ -119,9 +125,10 @@ class Latest(Generic[Value]):
     def newest(
         self, subject: object, compute: Callable[..., Value], *arguments: object
     ) -> Value | None:
-        """Request ``compute(*arguments)``; return its value, or an earlier value of the subject.
+        """Request ``compute(*arguments)``; return its value or, until then, an earlier one.
 
-        The result is None if the subject, such as a mesh, has no earlier value.
+        Only earlier values of the same ``subject``, for example the mesh, are returned; None if
+        there is none.
         """
         found = self.request((subject, arguments), partial(compute, *arguments))
         with self._condition:
@@ -133,7 +140,7 @@ class Latest(Generic[Value]):
             self.retired, self._job = True, None
 
     def close(self, seconds: float = 0.2) -> None:
-        """Start no more jobs, and wait at most so many seconds for the running one."""
+        """Start no more jobs, and wait at most ``seconds`` for the running one."""
         self.retire()
         with self._condition:
             self._condition.wait_for(lambda: not self._has_thread, max(seconds, 0.0))
@@ -175,7 +182,7 @@ class Latest(Generic[Value]):
 
 
 class Jobs:
-    """All `Latest` of one owner, which share the mode of computation and are closed together."""
+    """All `Latest` of one owner, with the same setting ``at_once``; they are closed together."""
 
     def __init__(self, at_once: bool = False) -> None:
         self.at_once = at_once
@@ -195,7 +202,7 @@ class Jobs:
         return any(one.busy for one in self._all)
 
     def close(self, seconds: float = 0.2) -> None:
-        """Start no more jobs, and wait at most so many seconds for all running ones together."""
+        """Start no more jobs, and wait at most ``seconds`` for all running ones together."""
         for one in self._all:
             one.retire()
         end = time.monotonic() + seconds

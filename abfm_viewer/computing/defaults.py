@@ -1,4 +1,4 @@
-"""Default source and target of a mesh."""
+"""Default source and target for a mesh that was opened without functions."""
 
 import math
 
@@ -30,12 +30,13 @@ _TILT = np.array([0.02, -0.01, 0.005])
 
 
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
-    """Return the specs of two Gaussians on the longest geodesic of the mesh.
+    """Return the texts of two Gaussians on the mesh, as default source and target.
 
-    The geodesic, for example from a foot to a hand, is nearly the longest one. The source is near
-    its middle, for example on the trunk. The target is farther along it, but so close that a first
-    match changes areas little. Both preferably face a viewer who looks from `best_front(mesh)`.
-    Gaussians that span less than two edges, as on coarse meshes or sliver triangles, are widened.
+    Both lie near a very long geodesic of the mesh, for example from a foot to a hand. The source is
+    near its middle, for example on the trunk. The target is farther along it, but so close that a
+    first match changes areas little. Both preferably face a viewer who looks from
+    `best_front(mesh)`. Gaussians that span less than two edges, as on coarse meshes or sliver
+    triangles, are widened.
     """
 
     def distance(vertex: np.intp) -> FloatArray:
@@ -79,10 +80,11 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
 
 
 def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
-    """Return how much each vertex, or a Gaussian around it, faces the viewer, (V,).
+    """Return how much each vertex and its surroundings face the viewer, (V,), as a cosine.
 
-    How much a vertex faces the viewer is a cosine: its own or the mean around it, whichever is
-    smaller. The mean is over a sample of vertices without those on the opposite side of thin parts.
+    It is the smaller of two cosines: that of the vertex, and the mean of the vertices around it.
+    The mean is over a sample without vertices on the opposite side of thin parts. ``normals`` (V,
+    3) point outward.
     """
     from scipy.spatial import KDTree  # imported late: the first frame does not need it
 

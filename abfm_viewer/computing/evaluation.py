@@ -1,4 +1,7 @@
-"""Cached values of functions on a mesh, computed in the background."""
+"""Evaluation of functions on a mesh in the background, with a cache of their values.
+
+A function is given by its text (spec), such as ``gaussian:vertex=3,width=0.1``.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +39,11 @@ Evaluated = dict[str, FloatArray | str]  # values (V,) by spec, or an error mess
 
 
 class Functions:
-    """Evaluates specs on one mesh, term by term.
+    """Evaluates specs (texts of functions) on one mesh, and caches the values of their terms.
 
     When the user drags one of several Gaussians, only that one is evaluated again. With
-    ``at_once``, `request` computes in the caller's thread.
+    ``at_once``, `request` computes in the caller's thread. ``known`` are values (V,) by spec, from
+    a project file.
     """
 
     def __init__(
@@ -73,7 +77,11 @@ class Functions:
         return self._latest.step if self.busy else None
 
     def without_process(self, keeps: Callable[[str], bool]) -> Functions:
-        """Return a copy that has the stored values, but neither thread nor subprocess."""
+        """Return a copy without thread and subprocess, which retains some of the values.
+
+        These are the known values, those of the latest request, and those of specs for which
+        ``keeps`` is true.
+        """
         cached = self._cache.copy()  # without the lock: another thread may evaluate for long
         known = self.known | {spec: values for spec, values in cached.items() if keeps(spec)}
         others = Functions(self.mesh, known, self._at_once)
@@ -84,7 +92,7 @@ class Functions:
         return self._compute(default_functions)
 
     def request(self, specs: tuple[str, ...]) -> Evaluated | None:
-        """Request the values of all specs; None while they are being computed."""
+        """Request the values of specs; return values or errors by spec, None until computed."""
         cached: Evaluated = {}
         for spec in specs:
             if (values := self._cache.get(spec)) is not None:
@@ -93,7 +101,10 @@ class Functions:
         return self._latest.request(specs, lambda: self._all(specs)) if self._waits else cached
 
     def evaluate(self, spec: str) -> FloatArray:
-        """Return the values (V,) of a spec now, or raise as `abfm.function` or a worker does."""
+        """Return the values (V,) of a spec, computed now if necessary.
+
+        Errors are those of `abfm.function`; if the subprocess ends, a `WorkerEndedError` is raised.
+        """
         with self._lock:
             if spec in self._cache:
                 self._cache.move_to_end(spec)
@@ -122,11 +133,11 @@ class Functions:
             return values
 
     def stop_requests(self) -> None:
-        """Accept no more requests; thread and subprocess end when no evaluation uses them."""
+        """Accept no more requests; running evaluations end normally, and then their subprocess."""
         self._latest.retire()
 
     def retire(self) -> None:
-        """Accept no more requests and end the subprocess; a pending call raises an error."""
+        """Accept no more requests and end the subprocess; running evaluations raise an error."""
         self.stop_requests()
         if self._worker:
             self._worker.close()
@@ -149,12 +160,15 @@ class Functions:
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
-    """Return the values (V,) of a spec, NaN where a file has no value."""
+    """Return the values (V,) of a spec; NaN where a file has no value."""
     return abfm.functions.function(mesh, spec, allow_missing=True)
 
 
 class Evaluators(NamedTuple):
-    """The functions on the surface of the source and on that of the target (often the same)."""
+    """Evaluators of the functions on the surface of the source, and on that of the target.
+
+    They are the same object if both functions are on one surface.
+    """
 
     source: Functions
     target: Functions

@@ -14,9 +14,10 @@ _ARENA_MAX = -8
 
 
 def limit_pools() -> None:
-    """Make all threads share two pools, and return large blocks as soon as they are freed.
+    """Make all threads share two memory pools, and return large blocks as soon as they are freed.
 
-    By default the C library raises both limits while the program runs.
+    By default, the C library increases the number of pools and the size of a large block while the
+    program runs.
     """
     _c_library("mallopt", _MMAP_THRESHOLD, _BLOCK_BYTES)
     _c_library("mallopt", _ARENA_MAX, _POOLS_MAX)

@@ -1,4 +1,8 @@
-"""A match in a subprocess, which reports all iterates, and some of them with pictures."""
+"""A match in a subprocess, which reports its iterates to the process of the window.
+
+An iterate is the state of the solver after an iteration. Some reports contain the advected source,
+as a picture for the window, or also the fields.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ Fields = tuple[FloatArray, FloatArray]
 
 
 def better(now: abfm.matching.Iteration, before: abfm.matching.Iteration) -> bool:
-    """Return whether an iterate is at least as good as an earlier one of the same problem."""
+    """Return whether the residual of an iterate is at most that of an earlier one."""
     return now.residual <= before.residual
 
 
@@ -49,11 +53,11 @@ def _raise_not_stored() -> NoReturn:
 
 @dataclass(eq=False)
 class IteratePicture:
-    """The fields of an iterate in the process of the window.
+    """Fields and advected source of an iterate, fetched from the subprocess when they are needed.
 
     Some iterates arrive with the advected source (`picture`). Otherwise the first access fetches
-    both arrays from the subprocess, or those of the best iterate if this one is no longer stored.
-    The access then waits for the subprocess, so the frame loop must not make it.
+    both arrays. If the subprocess no longer stores them, those of the best iterate are fetched.
+    This access waits for the subprocess, so drawing code must not make it.
     """
 
     warning: str | None
@@ -84,10 +88,11 @@ def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None
 
 
 def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
-    """Solve the task and report every iterate.
+    """Solve a match and report every iterate.
 
-    The first iterate and some others are reported with pictures. From time to time the best iterate
-    is reported again, with its fields.
+    The first iterate and some others are reported with the advected source. From time to time the
+    best iterate is reported again, with its fields. ``run`` is the number under which ``cache``
+    stores iterates.
     """
     before = max(cache, default=0)
     for earlier in cache.keys() - {before}:
@@ -108,7 +113,10 @@ def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.
 
 
 class _Reports:
-    """Reports of iterates; pictures take a tenth of the time, and fields 2%."""
+    """Reports the iterates of a run; some with the advected source, fewer with the fields.
+
+    The advected sources take a tenth of the time, and the fields 2%.
+    """
 
     def __init__(self, cache: ProcessCache, run: int, vertices: int) -> None:
         self._cache, self._run = cache, run
@@ -140,7 +148,11 @@ def _with_fields(last: abfm.matching.Iteration) -> abfm.matching.Iteration:
 
 
 def fields(cache: ProcessCache, run: int, iteration: int) -> Fields:
-    """Return the fields of an iterate, or of the best one; raise `AbfmError` if none is stored."""
+    """Return the fields and the advected source of a stored iterate of a run.
+
+    If this iterate is not stored, those of the best iterate are returned. If none is stored, an
+    `AbfmError` is raised.
+    """
     stored = cache.get(run) or _raise_not_stored()
     found = next((each for each in stored if each.iteration == iteration), stored[0])
     return found.velocity, found.advected

@@ -1,4 +1,4 @@
-"""Matching in the background; the problem can be replaced while it is solved."""
+"""Matches in the background, whose problem can be replaced while it is solved."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _numbers = itertools.count(1)  # of solves; the process stores their fields by n
 
 @dataclass(frozen=True)
 class ProblemSpec:
-    """A problem with its functions as text; equal specs have the same solution."""
+    """A problem with its functions as texts; problems with equal specs have the same solution."""
 
     mesh: TriangleMesh
     channels: tuple[Channel, ...]
@@ -46,7 +46,7 @@ class ProblemSpec:
         return self.landmarks_alone and bool(self.landmarks)
 
     def problem(self, functions: Evaluators) -> abfm.Problem:
-        """Return the problem with the values of its functions; it may take long."""
+        """Return the problem with the values of its functions, whose evaluation may take long."""
         specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
         source, target = (
             np.stack([functions.evaluate(spec, side) for spec in of_side], axis=1)
@@ -84,10 +84,10 @@ class ProblemSpec:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The newest iterate of a problem, and the best one with a picture, which is `shown`.
+    """The newest iterate of a problem, and the best iterate that has a picture (`shown`).
 
-    A new attempt of the solver starts with a larger residual than the previous one, so the newest
-    iterate is not always the best.
+    The newest iterate is not always the best. For example, a new attempt of the solver starts with
+    a larger residual than the previous one ended with.
     """
 
     problem: ProblemSpec
@@ -96,7 +96,7 @@ class Snapshot:
 
 
 class _History:
-    """The numbers of all iterates of a run; one thread adds to it, others read."""
+    """Energies and residuals of a run's iterates; one thread appends them, others read them."""
 
     def __init__(self) -> None:
         self._iterates: list[abfm.matching.Iteration] = []  # without fields
@@ -111,7 +111,10 @@ class _History:
         self._iterates.append(replace(now, view=IteratePicture(None), path=()))
 
     def record(self, residual: float, parameters: Parameters) -> RunRecord | None:
-        """Return the record of the run so far, the same object until the next iterate, or None."""
+        """Return the record of the run so far, or None before the first iterate.
+
+        It is the same object until the next iterate. ``residual`` is stored as that of the run.
+        """
         iterates, restarts = self._iterates[:], tuple(self._restarts)
 
         def column(name: str, kind: type = np.float64) -> Any:
@@ -145,7 +148,7 @@ Then: TypeAlias = "Callable[[abfm.Match | None, RunRecord | None, ProblemSpec], 
 
 
 class Matching:
-    """Runs one match at a time; its problem can be replaced during the run."""
+    """Solves one match at a time in a subprocess; its problem can be replaced during the run."""
 
     def __init__(self, run: Run[Any]) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
@@ -166,13 +169,16 @@ class Matching:
         return self._history.record(0.0, problem.parameters) if problem else None
 
     def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        """Make the coarser meshes in the subprocess; a match begins after that."""
+        """Make the coarser meshes of a mesh in the subprocess, before a match needs them."""
         self._run.process.call(prepare, mesh, parameters)
 
     def start(
         self, problem: ProblemSpec, functions: Evaluators, then: Then, field: FloatArray | None
     ) -> None:
-        """Start a run from a field; ``then`` is called when it is collected."""
+        """Start a run from a field, or from zero if ``field`` is None.
+
+        When the ended run is collected, ``then`` is called with the result.
+        """
         self.running, self.snapshot = True, None
         self.problem = self._next = self._solved = problem
         self._found: abfm.Match | None = None
@@ -182,9 +188,10 @@ class Matching:
         self._run.start(work, partial(self._end, then), recover)
 
     def follow_problem(self, problem: ProblemSpec, dragging: bool = False) -> None:
-        """Restart with a changed problem, or cancel the run if the mesh has changed.
+        """Restart the run if the problem has changed, or cancel it if the mesh has changed.
 
-        A change of alpha is applied only after a drag, because it needs another factorisation.
+        While the user drags, a change of alpha does not restart the run, because the restart needs
+        another factorisation.
         """
         if not self.running or self.problem is None or problem == self.problem:
             return
@@ -200,11 +207,11 @@ class Matching:
                 self._yield_to_next()
 
     def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, RunRecord]:
-        """Return the match that a cancellation at the snapshot would give, and the record.
+        """Return the match that would result from cancelling at a snapshot, and the run's record.
 
-        The match is not verified. It is stored in case the run fails. The call waits for the
-        subprocess, so the frame loop must not make it. Raises `AbfmError` if the field is no longer
-        stored, or the run is over.
+        Its field is that of the best iterate of the snapshot, and it is not verified. The snapshot
+        is stored in case the run fails. The call waits for the subprocess, so drawing code must not
+        make it. If the field is no longer stored, or the run is over, an `AbfmError` is raised.
         """
         history, now = self._history, snapshot.shown
         if (record := history.record(now.residual, snapshot.problem.parameters)) is None:
@@ -287,12 +294,18 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End the solve after a few iterations, so that matches also progress during dragging."""
+        """End the solve if another problem waits, but only after a few iterations.
+
+        In this way matches also progress while the user drags.
+        """
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._run.end_call()
 
     def _store(self, snapshot: Snapshot) -> None:
-        """Store a snapshot that has its fields, unless it is worse or of an earlier solve."""
+        """Store a snapshot as the best, unless a better one is stored or its problem was replaced.
+
+        The fields of its best iterate must be in this process.
+        """
         is_current, best = snapshot.problem is self._current, self._best
         if is_current and (best is None or better(snapshot.shown, best.shown)):
             self._best = snapshot

@@ -1,4 +1,4 @@
-"""One long computation at a time in a subprocess, which can be paused and cancelled."""
+"""Long computations in a subprocess, one at a time, which can be paused and cancelled."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ _START_SECONDS = 0.02  # for a run to begin; otherwise it waits until a frame is
 
 
 class Process:
-    """Calls functions in a subprocess, one after another; their first argument is its cache.
+    """A subprocess that calls functions one after another; their first argument is its cache.
 
-    The subprocess starts with the first call. If it has ended, the next call starts another one.
-    The next `Process` uses a subprocess that was idle when it was closed. A script that opens
-    several windows in turn therefore starts no others.
+    The subprocess starts with the first call. If it has ended, the next call starts another one. An
+    idle subprocess is reused when its `Process` is closed and another one is created. So a script
+    that opens several windows in turn starts no others.
 
-    polyscope holds Python's interpreter while it draws a frame. Without a graphics card this is
-    nearly all of the time: a solver in a thread of the same process got a tenth of it.
+    A thread would not do: polyscope holds Python's interpreter while it draws a frame. Without a
+    graphics card this is nearly all of the time. A solver in a thread of the same process got a
+    tenth of it.
     """
 
     _idle_workers: ClassVar[list[Worker[ProcessCache]]] = []
@@ -56,7 +57,7 @@ class Process:
         return self._started().call(function, *given)
 
     def call_now(self, function: Callable[..., Value], *given: Any) -> Value:
-        """Return the result of a short function, called without waiting for the queue."""
+        """Return the result of a short function, called at once, even during another call."""
         return self._started().call_now(function, *given).result()
 
     def solve(
@@ -66,10 +67,11 @@ class Process:
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return the result of a function.
+        """Return the result of a function that the subprocess calls; wait until it is computed.
 
-        If the subprocess ends during a call, the function is called again, at most ``tries`` times
-        in all. Raises `WorkerEndedError` if the subprocess ended each time.
+        ``on_partial`` is called with each partial result. If the subprocess ends during a call, the
+        function is called again, at most ``tries`` times in all. If the subprocess ends each time,
+        a `WorkerEndedError` is raised.
         """
         for _ in range(1, tries):
             with suppress(WorkerEndedError):
@@ -100,7 +102,7 @@ RunState = Enum("RunState", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 
 
 class Run(Generic[Result]):
-    """At most one run at a time: a thread that calls functions in a subprocess."""
+    """Executes one computation at a time, in a thread that calls functions in a subprocess."""
 
     def __init__(self, process: Process) -> None:
         self.process = process
@@ -116,7 +118,7 @@ class Run(Generic[Result]):
 
     @property
     def is_active(self) -> bool:
-        """Whether a run is in progress that was neither cancelled nor closed."""
+        """Whether a computation is in progress that was neither cancelled nor closed."""
         return self.state in (RunState.RUNNING, RunState.PAUSED)
 
     @property
@@ -137,7 +139,7 @@ class Run(Generic[Result]):
 
     @property
     def seconds_each(self) -> float | None:
-        """Seconds from one partial result to the next; None if unknown or while paused."""
+        """Mean time between recent partial results, in seconds; None if unknown or while paused."""
         times = list(self._recent)
         is_known = len(times) > 1 and not self.paused
         return (times[-1] - times[0]) / (len(times) - 1) if is_known else None
@@ -149,10 +151,10 @@ class Run(Generic[Result]):
         recover: Callable[[], Result | None] = lambda: None,
         resumes: bool = False,
     ) -> None:
-        """Start ``work`` in a thread; ``work`` calls functions in the subprocess by `call`.
+        """Start ``work`` in a thread; it calls functions in the subprocess by `call`.
 
-        `collect` passes the result to ``then``; after an error it passes the result of ``recover``.
-        ``resumes`` means that partial results of an earlier run exist.
+        When the run is over, `collect` passes the result to ``then``. After an error it passes the
+        result of ``recover``. ``resumes`` is true if partial results of an earlier run exist.
         """
         self.state, self.reason, self.step = RunState.RUNNING, "", None
         self.started, self.has_partial_results = self.started + 1, resumes
@@ -177,18 +179,24 @@ class Run(Generic[Result]):
                 self._control.set_paused(self.paused)
 
     def cancel(self, skip_checks: bool = False) -> None:
-        """Request the result so far, not verified if ``skip_checks``; return at once."""
+        """Cancel the run and return at once; the run then ends with its best result so far.
+
+        With ``skip_checks`` that result is not verified.
+        """
         with self._lock:
             if self.running:
                 self.state = RunState.ENDING
                 self._control.cancel(skip_checks)
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until the run is over; return whether it is (it is not collected)."""
+        """Wait until the run is over, at most ``seconds``; return whether it is over.
+
+        Its result is passed on only by `collect`.
+        """
         return not self.running or not wait([self._working], seconds).not_done
 
     def collect(self) -> None:
-        """Pass the result of a run that is over to its callback, once."""
+        """Pass the result to the callback of `start` if the run is over; do so only once."""
         if self.running and self._working.done():
             self.state = RunState.FAILED if self.reason else RunState.ENDED
             found, then = self._result, self._then
@@ -199,7 +207,10 @@ class Run(Generic[Result]):
         self.state, self.reason = RunState.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """End the thread between two evaluations; if this takes long, end the process."""
+        """Cancel the run and end the subprocess.
+
+        If the run does not end soon after the cancellation, its subprocess is killed.
+        """
         self.cancel(skip_checks=True)
         self.wait(min(seconds, _CLOSE_SECONDS))
         self.process.close()
@@ -215,7 +226,10 @@ class Run(Generic[Result]):
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return the result of `Process.solve`, which is paused and cancelled with the run."""
+        """Return the result of a function in the subprocess, see `Process.solve`.
+
+        The call is paused and cancelled together with the run.
+        """
 
         def take(partial: Any) -> None:
             self._has_reported.set()
@@ -232,7 +246,7 @@ class Run(Generic[Result]):
             return self.process.solve(function, *given, on_partial=take, tries=tries)
 
     def end_call(self) -> None:
-        """End the current call, but not the run, with its result so far, which is not verified."""
+        """End the current call, but not the run, with its best result so far, without checks."""
         self._control.cancel(skip_checks=True)
 
     @factoring_in_subprocess()

@@ -1,1 +1,1 @@
-"""Immutable documents: the user's input, the result and the view."""
+"""Immutable documents, each with the user's input, the result and the view."""

@@ -1,4 +1,4 @@
-"""Comparison of a subject with the other subjects of its population."""
+"""Comparison of a subject with the other subjects of its population, on their template."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LENGTH_MAX = 24  # characters of a name in a title
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Comparison of one subject, on the template, with the mean of the others."""
+    """One subject of a population, and how it is compared with the mean of the other subjects."""
 
     population: abfm.Population
     subject: int  # its number
@@ -32,9 +32,11 @@ class Comparison:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """Return the title of a slot, which keeps its name if it does not show the comparison.
+        """Return the title of a slot, which is one of the pictures side by side.
 
-        Long names of subjects are abbreviated, so that the rest of the title stays visible.
+        The slots "source", "advected" and "target" show the comparison. Other slots have their name
+        as title. Long names of subjects are abbreviated, so that the rest of the title stays
+        visible.
         """
         name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
         kind_titles = {
@@ -51,10 +53,10 @@ class Comparison:
         return titles.get(slot, slot)
 
     def unknown(self, slot: str, channel: int) -> BoolArray | None:
-        """Return where the function of a slot has no values and was filled in.
+        """Return a mask of where the function in a slot has no values and was filled in.
 
-        The mask of these places has shape (V,), or (F,) for areas. The result is None if the
-        function has all values, or for slots that do not show the comparison.
+        The mask has shape (V,), or (F,) for areas. The result is None if the function has all
+        values, and for slots (pictures) that do not show the comparison.
         """
         values_of = {
             "source": lambda: self.population.values[self.subject, :, channel],
@@ -67,7 +69,7 @@ class Comparison:
         return is_unknown if is_unknown.any() else None
 
     def values(self, channel: int) -> FloatArray:
-        """Return the compared quantity of a channel: (V,), or (F,) for areas; NaN if unknown."""
+        """Return the compared quantity of a channel, (V,), or (F,) for areas; NaN where unknown."""
         population = self.population
         if self.kind == "areas":
             return population.log2_area_deviation

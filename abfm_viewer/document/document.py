@@ -1,6 +1,8 @@
-"""Base class and parts of documents.
+"""Base class of documents, and the parts of which documents consist.
 
-Documents are immutable, so undo, saving and pictures can share them.
+Documents are immutable, so undo, saving and pictures can share them. Surface A or B: if two
+surfaces are registered, the source is on A and the target on B. Side: source or target. Slot: one
+of the pictures side by side. Spec: the text that defines a function.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ ZOOM_MIN = 0.2
 
 
 class Range(NamedTuple):
-    """Values that a number of a document may have in files."""
+    """Range of the values that are allowed for a number of a document."""
 
     low: float
     high: float = math.inf
@@ -74,7 +76,10 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel:
-    """Source and target as specs of `abfm.functions`, and the weight of their mismatch."""
+    """A pair of functions to match, source and target, as specs, and the weight of their mismatch.
+
+    A spec is a text that defines a function, see `abfm.functions`.
+    """
 
     source: str
     target: str
@@ -101,7 +106,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Landmark:
-    """Pair of corresponding points on the surfaces of source and target; None if not placed."""
+    """Pair of corresponding points on source and target surface; a point is None if not placed."""
 
     source: Point | None = None
     target: Point | None = None
@@ -121,7 +126,7 @@ class Landmark:
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Direction and zoom with which each surface is shown in its slot.
+    """Direction and zoom with which surfaces are shown, each in its slot (its part of the window).
 
     At a zoom of 1 the surface fits into the slot from every direction. The target (3,), in the
     units of the mesh, is shown in the middle of the slot and stays there during rotation. By
@@ -135,7 +140,10 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh and the name of its file; surfaces that differ only in their front are equal."""
+    """A mesh and the name of its file; surfaces that differ only in their front are equal.
+
+    The front is the side that is shown at first.
+    """
 
     mesh: TriangleMesh
     name: str
@@ -144,7 +152,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class MapRequest:
-    """Inputs that determine an initial map and the problem that is matched with it."""
+    """Inputs that determine the initial map between two surfaces, and the problem on surface B."""
 
     word: str
     channels: tuple[Channel, ...]
@@ -155,7 +163,7 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class InitialMap:
-    """Map that transferred a result's functions from surface A to surface B."""
+    """Initial map by which the functions of surface A are transferred to surface B."""
 
     correspondence: Correspondence
     request: MapRequest  # for which the map was computed
@@ -165,7 +173,10 @@ class InitialMap:
     warnings: tuple[str, ...] = ()  # reasons why the map may be wrong
 
     def registration(self, match: Match) -> Registration:
-        """Return the registration of a match that started with this map; it is made once."""
+        """Return the registration that consists of this map and a match that started from it.
+
+        The same match gives the same object.
+        """
         from abfm import Registration  # loads many modules
 
         found: Registration | None = vars(self).get("_registration")
@@ -180,7 +191,7 @@ class InitialMap:
 
 @dataclass(frozen=True)
 class Function:
-    """Function on a surface, given by its spec: one side of a channel, or the mask."""
+    """One function of a document (a source, target or mask): its surface and its spec, a text."""
 
     surface: Surface
     spec: str
@@ -188,7 +199,7 @@ class Function:
 
 @dataclass(frozen=True)
 class ViewPreferences:
-    """Settings of the view that are kept when another document is opened."""
+    """Settings of the view that stay when another document is opened."""
 
     theme: Theme = "light"
     ui_scale: Annotated[float, Range(0, 10, excludes_low=True)] = 1.0
@@ -236,7 +247,7 @@ class View(ViewPreferences):
 
     @property
     def preferences(self) -> View:
-        """View with the user's preferences and default values for all other settings."""
+        """View with the same `ViewPreferences`, and default values for all other settings."""
         return View(**{one.name: getattr(self, one.name) for one in fields(ViewPreferences)})
 
     @property
@@ -249,13 +260,13 @@ class View(ViewPreferences):
 
     @property
     def shown_surfaces(self) -> tuple[str, ...]:
-        """Surfaces that are not hidden; the advected one if all are hidden."""
+        """Names of the surfaces that are not hidden; the advected one if all are hidden."""
         return tuple(name for name in self.surfaces if name not in self.hidden) or ("advected",)
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """Energies of one run, one row for each of the n iterations.
+    """Energies of one run of the solver, one row for each of its n iterations.
 
     Vertex counts of the meshes, reaches, residuals and sigmas (n,) are empty if unknown.
     """
@@ -279,14 +290,14 @@ class RunRecord:
 
     @property
     def curves(self) -> dict[str, FloatArray]:
-        """Total and terms of the energy, (n,), by their names in the window."""
+        """Total energy and its terms, (n,) each, by their names in the window."""
         total, regularity, mismatch = self.energies.T
         terms = dict(zip(self.term_names, self.shares.T, strict=True)) or {"closeness": mismatch}
         return {"energy": total, "smoothness": regularity} | terms
 
     @property
     def residual_curve(self) -> FloatArray:
-        """Residuals (n,), estimated from the energies if they are unknown.
+        """Residuals of the iterations, (n,), estimated from the energies if they are unknown.
 
         The scale of the energy differs between stages. So the estimate of each stage starts where
         the previous stage ended, and the last stage ends at the residual of the run.
@@ -300,10 +311,10 @@ class RunRecord:
 
     @property
     def best_residuals(self) -> FloatArray:
-        """Smallest residual so far (n,), which increases only when the problem changed.
+        """Smallest residual up to each iteration, (n,), found anew after changes of the problem.
 
-        After the last restart it is at least the residual of the run. Smaller residuals may occur
-        on coarser meshes, but their fields are not the result.
+        After the last change of the problem, values are at least the residual of the run. Iterates
+        on coarser meshes may have smaller residuals, but their fields are not the result.
         """
         restarts = [row for row in self.restarts if row < len(self.stages)]
         parts = np.split(self.residual_curve, restarts)
@@ -320,14 +331,15 @@ RangeValues = tuple[tuple[object, ...], Callable[[], tuple[FloatArray, ...]]]
 
 
 class Identity:
-    """Identity of a document, which is kept through all edits; equal only to itself."""
+    """Identity of a document, which all its edited states share; it is equal only to itself."""
 
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """State of a session, as it is kept in the history and in project files.
+    """The user's input, the result and the view, as stored in the history and in project files.
 
-    The kinds of documents are in `kinds.py`. Defaults here are for kinds without the feature.
+    Subclasses for the kinds of documents are in `kinds.py`. The defaults here are for kinds that do
+    not have the feature.
     """
 
     match_label: ClassVar[str] = "Match"
@@ -378,7 +390,7 @@ class Document:
 
     @property
     def mask(self) -> str:
-        """Spec of the weight of the mismatch at each vertex; empty for none."""
+        """Spec (text) of the mask, which weights the mismatch at each vertex; empty for none."""
         return ""
 
     @property
@@ -387,7 +399,7 @@ class Document:
 
     @property
     def pairs(self) -> tuple[Landmark, ...]:
-        """Landmarks that are placed on both sides; only these are matched."""
+        """Landmarks with points on both surfaces; only these are matched."""
         return tuple(landmark for landmark in self.landmarks if landmark.is_complete)
 
     @property
@@ -400,7 +412,7 @@ class Document:
 
     @property
     def runs(self) -> tuple[RunRecord, ...]:
-        """Records of all runs that ended, the latest last."""
+        """Records of all runs of the solver that ended, the latest last."""
         return ()
 
     @property
@@ -413,12 +425,12 @@ class Document:
 
     @property
     def active_comparison(self) -> Comparison | None:
-        """Comparison of a subject with its population, if the active channel belongs to it."""
+        """Comparison of a subject with its population, for the active channel; None without one."""
         return None
 
     @property
     def sequence_result(self) -> Sequence | None:
-        """The result if it is a sequence, whose critical points can be followed."""
+        """The result if it is a sequence, whose critical points can be followed; otherwise None."""
         return None
 
     @property
@@ -438,7 +450,7 @@ class Document:
         return self.surface().name
 
     def surface(self, slot: str = "advected") -> Surface:
-        """Return the surface that a slot shows, or on which the functions of a side are.
+        """Return the surface of a side (source or target) or of a slot (a picture in the window).
 
         Of two surfaces, the source is on A; everything else, including the flow, is on B.
         """
@@ -448,7 +460,7 @@ class Document:
         return slot
 
     def transferred_title(self, kind: str) -> str:
-        """Return the title of labels or colours that the flow moves from the source's surface."""
+        """Return the title of labels or colours (``kind``) that the flow moves from the source."""
         return f"advected {kind}"
 
     def surface_label(self, side: Side) -> str:
@@ -464,22 +476,32 @@ class Document:
         return replace(self, surfaces=tuple(surfaces))
 
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        """Return the front from which most of the functions on a slot's surface is visible."""
+        """Return the direction from which most of the functions on a slot's surface is visible.
+
+        A slot is one of the pictures side by side. ``up`` is the axis that points up in the
+        picture.
+        """
         return best_front(self.surface(slot).mesh, *functions, up=up)
 
     def values_key(self, side: Side, spec: str) -> str:
-        """Return the key of a function's values from a file; keys of surface A have a prefix."""
+        """Return the key under which a project stores a function's values from a file.
+
+        The key is the spec. For functions on surface A of two it has a prefix.
+        """
         return spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         return dict(known)
 
     def missing_values(self, slot: str, values: Values) -> MissingValues:
-        """Return a cache key and a function that finds the missing values of a slot."""
+        """Return a cache key, and a function that returns where a slot's function has no values.
+
+        A slot is one of the pictures side by side. ``values`` returns the values of a function.
+        """
         return (), lambda: None
 
     def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:
-        """Return a cache key and a function that returns the values in the colour range."""
+        """Return a cache key, and a function that returns the values whose range colours cover."""
         return (source, target), lambda: (source, target)
 
     @property
@@ -496,7 +518,7 @@ class Document:
 
     @property
     def flow_time(self) -> float:
-        """Shown time, relative to the start of the shown flow."""
+        """Shown time, relative to the start of the shown flow (the interval, in a sequence)."""
         return self.time
 
     @property
@@ -505,16 +527,19 @@ class Document:
 
     @property
     def interval(self) -> int:
-        """Number of the interval whose flow is shown; 0 if there is only one flow."""
+        """Number of the interval (between two frames) whose flow is shown; 0 without frames."""
         return 0
 
     @property
     def ticks(self) -> tuple[float, ...]:
-        """Times of frames."""
+        """Times of the frames of a sequence, marked in the time bar; empty without frames."""
         return ()
 
     def time_after(self, share: float) -> float:
-        """Return the time that is a share of tau later, or earlier if the share is negative."""
+        """Return the time that is ``share`` of tau after the shown time; negative shares go back.
+
+        In a sequence it is the time of the next or previous frame.
+        """
         return self.time + share * self.parameters.tau
 
     @property
@@ -527,7 +552,7 @@ class Document:
 
     @property
     def time_range_text(self) -> str:
-        """Range of the times that can be shown, in words."""
+        """Text of the range of times that can be shown, such as "0 to 2, which is 2 tau"."""
         beyond = f", which is {EXTRAPOLATION:g} tau" if self.extrapolates else ""
         return f"{self.start:g} to {self.end:g}{beyond}"
 
@@ -536,24 +561,24 @@ class Document:
         return False
 
     def check(self) -> None:
-        """Raise a `ValueError` if fields are inconsistent."""
+        """Raise a `ValueError` if fields of the document contradict each other."""
 
     @property
     def complete_result(self) -> Any:
-        """The result as it is written to a file."""
+        """The result with all that a result file contains; for two surfaces a registration."""
         return self.result
 
     def saved(self) -> Document:
-        """Return the document that its project file opens as."""
+        """Return the document that results from saving this one as a project and opening it."""
         return self
 
     @property
     def is_complete(self) -> bool:
-        """Whether a further run would add nothing to the result."""
+        """Whether the result is complete, so that another run would add nothing."""
         return False
 
     def view_of_result(self, view: View) -> View:
-        """Return the view for a result that was just opened or computed."""
+        """Return a view in which the document's result, just opened or computed, is visible."""
         return view
 
     def unsaved_text(self, changes: Collection[str], has_new_result: bool) -> str:
@@ -561,5 +586,5 @@ class Document:
 
     @property
     def large_parts(self) -> tuple[object, ...]:
-        """Parts whose arrays count as memory of the history."""
+        """Objects with large arrays, whose sizes count towards the memory limit of undo."""
         return tuple(surface.mesh for surface in self.surfaces)

@@ -1,4 +1,7 @@
-"""Sequences of frames: a function on a surface that changes in time."""
+"""Sequences of frames: a function on a surface at several times.
+
+Two consecutive frames are an interval.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ FRAMES_A_SECOND = 5.0  # frames per second at playing speed 1
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """Parameters for all intervals; values that are None are chosen by held-out data."""
+    """Parameters for matching all intervals; where a value is None, held-out data determine it."""
 
     alpha: float | None = None
     sigma: float | None = None
@@ -28,7 +31,7 @@ class SequenceSettings:
 
     @property
     def parameters(self) -> abfm.sequences.SequenceParameters:
-        """Parameters of the sequence; a refused value raises a `ParameterError`."""
+        """The settings as parameters of the solver; an invalid value raises a `ParameterError`."""
         return abfm.sequences.defaults(alpha=self.alpha, order=self.order, sigma=self.sigma)
 
     def check(self) -> None:
@@ -46,7 +49,7 @@ def settings_of(sequence: abfm.Sequence) -> SequenceSettings:
 
 @dataclass(frozen=True, eq=False)
 class FrameSequence:
-    """Frames, numbered from 0, and the name of their file."""
+    """Frames of a sequence, numbered from 0, and the name of their file."""
 
     name: str
     frames: abfm.sequences.Frames
@@ -57,7 +60,7 @@ class FrameSequence:
 
     @property
     def unit(self) -> str:
-        """Unit of the times; empty if the times are numbers of frames."""
+        """Unit of the frames' times; empty if a time is the number of a frame."""
         return self.frames.unit_of_time
 
     @property
@@ -83,7 +86,7 @@ class FrameSequence:
 
     @cached_property
     def period(self) -> float | None:
-        """Period of the values, if those of the first frame wrap around as phases do; else None."""
+        """Period of the values if the first frame seems to consist of phases; None otherwise."""
         mesh = self.frames.mesh
         found = (abfm.functions.wrapped_period(mesh, values) for values in self.columns[0])
         return next((period for period in found if period is not None), None)
@@ -94,16 +97,19 @@ class FrameSequence:
 
     @cached_property
     def middles(self) -> FloatArray:
-        """Middle of each interval, (T - 1,)."""
+        """Time in the middle of each interval, (T - 1,)."""
         return 0.5 * (self.times[1:] + self.times[:-1])
 
     def interval(self, time: float) -> int:
-        """Return the interval that contains a time; a frame belongs to the interval after it."""
+        """Return the number of the interval that contains a time.
+
+        At the time of a frame this is the interval after that frame, or the last interval.
+        """
         after = int(np.searchsorted(self.times, time, side="right"))
         return min(max(after - 1, 0), self.intervals - 1)
 
     def next_frame(self, time: float, step: int) -> float:
-        """Return the time of the frame after a time, or before it if the step is negative."""
+        """Return the time of the next frame, or of the previous one if ``step`` is negative."""
         tolerance = 1e-9 * float(self.times[-1] - self.times[0])
         if step > 0:
             number = int(np.searchsorted(self.times, time + tolerance, side="right"))
@@ -115,21 +121,24 @@ class FrameSequence:
         return f"{time:.4g} {self.unit}".strip()
 
     def precise_time(self, time: float) -> str:
-        """Return a time to a hundredth of a frame, always with the same number of digits."""
+        """Return a time as text, to a hundredth of a frame, with a fixed number of decimals."""
         step = float(np.median(np.diff(self.times)))
         digits = max(0, 2 - math.floor(math.log10(step) + 1e-9))
         text = f"{time:.{min(digits, 9)}f}"
         return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
     def front(self, up: str | None = None) -> Front:
-        """Return the front that shows most of the changes in time, where there are values."""
+        """Return the direction from which most changes between frames are visible.
+
+        Missing values do not count. ``up`` is the axis that points up in the picture.
+        """
         changes = changes_in_time(self.frames.values)
         if (unknown := self.frames.unknown) is not None:
             changes[unknown] = 0.0
         return best_front(self.frames.mesh, up=up, changes=changes)
 
     def frame_label(self, number: int) -> str:
-        """Return the number of a frame, with its time if that differs from the number."""
+        """Return the number of a frame as text, with its time if that differs from the number."""
         time = float(self.times[number])
         is_number = not self.unit and time == number
         return f"frame {number}" if is_number else f"frame {number}, {self.time_text(time)}"

@@ -1,6 +1,7 @@
-"""Gaussians in the spec of a function, and specs with one Gaussian changed.
+"""Gaussians in the spec (text) of a function, and specs with one Gaussian changed.
 
-A Gaussian is a term of a sum. The sum may be scaled or composed with a vertex map.
+A Gaussian is a term of a sum. The sum may be scaled or composed with a vertex map. Gaussians are
+numbered from 0; ``bump`` is such a number.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def gaussians(spec: str) -> list[functions.Gaussian]:
 
 
 def is_mapped(spec: str) -> bool:
-    """Return whether the Gaussians are composed with a vertex map."""
+    """Return whether a vertex map moves the Gaussians of a spec away from their centres."""
     tree = functions.parse(spec)
     while isinstance(tree, functions.Scaled):
         tree = tree.function
@@ -30,9 +31,9 @@ def is_mapped(spec: str) -> bool:
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
-    """Return the spec with changed values of one Gaussian; a vertex replaces x, y and z.
+    """Return a spec with changed values of Gaussian number ``bump``.
 
-    A refused value raises a `FunctionError`.
+    A new value of ``vertex`` also replaces x, y and z. An invalid value raises a `FunctionError`.
     """
     if values.get("vertex") is not None:
         values |= {"x": None, "y": None, "z": None}
@@ -40,12 +41,12 @@ def changed(spec: str, bump: int, **values: Any) -> str:
 
 
 def added(spec: str, mesh: TriangleMesh) -> str:
-    """Return the spec with another Gaussian, as wide as the last one and far from all others."""
+    """Return a spec with one more Gaussian, far from all others and as wide as the last one."""
     return _with_bump(spec, None, _farthest(gaussians(spec), mesh))
 
 
 def landmark(specs: Iterable[str], mesh: TriangleMesh) -> str:
-    """Return the spec of a Gaussian as wide as the last one of other specs, and far from all.
+    """Return the spec of a Gaussian that is far from those in ``specs``, and as wide as the last.
 
     As source and target of a channel it fixes a place while the others move. Gaussians at vertices
     that the mesh does not have are ignored.
@@ -68,12 +69,15 @@ def _farthest(known: Sequence[functions.Gaussian], mesh: TriangleMesh) -> functi
 
 
 def removed(spec: str, bump: int) -> str:
-    """Return the spec without one Gaussian; a spec of a single term is returned unchanged."""
+    """Return a spec without Gaussian number ``bump``; a spec with a single term stays the same."""
     return _with_bump(spec, bump) if len(_terms(functions.parse(spec))) > 1 else spec
 
 
 def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
-    """Return the first centre as a vertex of the file; `FunctionError` if the mesh lacks it."""
+    """Return the first centre of a Gaussian, as the number of a vertex in the mesh's file.
+
+    If the mesh does not have this vertex, a `FunctionError` is raised.
+    """
     return int(mesh.vertex_ids[gaussian.sources(mesh)[0]])
 
 
@@ -90,7 +94,10 @@ def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
 
 
 def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
-    """Return the spec in which other terms replace one Gaussian, or are added at the end."""
+    """Return a spec in which the terms ``by`` replace Gaussian number ``bump``.
+
+    If ``bump`` is None, the terms are added at the end.
+    """
     tree = functions.parse(spec)
     terms = list(_terms(tree))
     places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]

@@ -1,4 +1,4 @@
-"""Names of keys on the keyboard of the user."""
+"""Names of keys as they appear on the keyboard of the user, which depend on the system."""
 
 import sys
 

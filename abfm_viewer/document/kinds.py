@@ -1,7 +1,7 @@
 """Kinds of documents: match, pair of surfaces, subject of a population, sequence of frames.
 
-Each kind of document has fields for the user's input, the result and the view. Each implements the
-interface `Document`, which the window uses.
+Each kind has fields for the user's input, the result and the view. Each is a subclass of
+`Document`, through which the window uses it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ GIVEN_WORD = "given"  # word of an initial map that was opened with a registrati
 
 @dataclass(frozen=True, eq=False)
 class MatchDocument(Document):
-    """Channels of two functions on a surface, and the parameters of their match."""
+    """Functions to match on one surface, in pairs of source and target, and the parameters."""
 
     content_fields: ClassVar[tuple[str, ...]] = (
         *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
@@ -87,7 +87,7 @@ class MatchDocument(Document):
 
     @property
     def initial(self) -> str:
-        """Word of the initial map from A to B; empty for an automatic choice."""
+        """Name of the method for the initial map from A to B; empty for an automatic choice."""
         return ""
 
     @property
@@ -124,9 +124,9 @@ class MatchDocument(Document):
         return replace(renamed, runs=runs, display_names=dict(display_names))
 
     def missing_values(self, slot: str, values: Values) -> MissingValues:
-        """Return a cache key and a function that finds missing values of the active functions.
+        """Return a cache key, and a function that finds where the active functions lack values.
 
-        In a match of two frames, the mask of the frames also excludes missing values.
+        In a match of two frames, vertices where the mask of the frames is 0 also lack values.
         """
         active = [] if self.active is None else [self.function(side) for side in SIDES]
         given = [found for one in active if (found := values(one)) is not None]
@@ -144,7 +144,10 @@ class MatchDocument(Document):
     def outcome(
         self, match: Match | None, run: RunRecord | None, initial: InitialMap | None
     ) -> dict[str, Any]:
-        """Return the fields that a run changes; ``initial`` is its initial map, if any."""
+        """Return new values, by field, for a document whose run has ended.
+
+        ``initial`` is the initial map with which the run started; None for one surface.
+        """
         runs = self.runs if run is None else (*self.runs, run)
         return {"result": match, "runs": runs, "solver_step": None}
 
@@ -167,7 +170,10 @@ class MatchDocument(Document):
         )
 
     def has_other_functions(self, result: Match, values: Values) -> bool:
-        """Return whether a result has other landmarks, another mask, or other functions in it."""
+        """Return whether a result has other functions, mask or landmarks than the document.
+
+        Functions are compared only where the mask is positive.
+        """
         nameless = tuple(replace(pair, name="") for pair in self.pairs)
         if nameless != landmarks_of_match(result):
             return True
@@ -199,7 +205,10 @@ class MatchDocument(Document):
 
 @dataclass(frozen=True, eq=False)
 class PairDocument(MatchDocument):
-    """Surfaces A and B; an initial map transfers functions of A to B, where they are matched."""
+    """Surfaces A and B to be registered, and the functions that are matched for this.
+
+    An initial map transfers the functions of A to B, where they are matched.
+    """
 
     content_fields: ClassVar[tuple[str, ...]] = ("initial", *MatchDocument.content_fields)
     surface_count: ClassVar[int] = 2
@@ -264,7 +273,7 @@ class PairDocument(MatchDocument):
 
 @dataclass(frozen=True, eq=False)
 class SubjectDocument(MatchDocument):
-    """Subject of a population on the template, compared with the mean of the others."""
+    """A subject of a population on the template, compared with the mean of the other subjects."""
 
     comparison: Comparison = field(kw_only=True)
 
@@ -303,7 +312,7 @@ _SEQUENCE_PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class SequenceDocument(Document):
-    """Sequence of frames and the settings with which all intervals are matched."""
+    """A sequence of frames, and the settings with which all its intervals are matched."""
 
     match_label: ClassVar[str] = "Match all frames"
     match_tip: ClassVar[str] = (
@@ -426,10 +435,10 @@ class SequenceDocument(Document):
         return self.result is not None and bool(self.result.solved.all())
 
     def view_of_result(self, view: View) -> View:
-        """Return the view with tracks and arrows.
+        """Return a view that shows tracks and arrows of the result.
 
-        Arrows are not added if the view already shows the flow. Nothing is added if the user turned
-        off showing the flow after matches.
+        If the view shows the flow already, arrows are not added. If there is no flow, or the user
+        switched off showing it after matches, the view stays the same.
         """
         found = self.result
         if found is None or not (view.flow_after_match and found.velocity.any()):

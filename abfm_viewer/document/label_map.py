@@ -1,4 +1,4 @@
-"""Labels of surface A, or of the only surface: regions that are shown and transferred.
+"""Labels of regions on surface A, or on the only surface, which are shown and transferred.
 
 Labels are never averaged.
 """
@@ -20,7 +20,7 @@ _GOLDEN_RATIO = 0.6180339887498949  # steps of this size give hues that stay dis
 
 @dataclass(frozen=True, eq=False)
 class LabelMap:
-    """A key at each vertex, with the name and the sRGB colour of each key."""
+    """Labels of the vertices of a mesh, as integer keys; each key has a name and an sRGB colour."""
 
     file: str  # its name
     keys: tuple[int, ...]  # in ascending order
@@ -30,10 +30,10 @@ class LabelMap:
 
     @classmethod
     def of(cls, file: str, mesh: TriangleMesh, labels: Labels) -> LabelMap:
-        """Return the labels of a mesh, given for its vertices or for those of its file.
+        """Return a label map for a mesh from labels of its vertices or of those of its file.
 
-        Labels without a colour get one. If other labels have names, a label without a name and a
-        colour is grey. Labels of another mesh raise a `FunctionError`.
+        A label without a colour gets one: grey if it has no name but others do. Labels that do not
+        fit the mesh raise a `FunctionError`.
         """
         values = mesh.restrict(labels.values).astype(np.int64)
         keys = np.unique([*np.unique(values), *labels.names]).tolist()
@@ -48,7 +48,7 @@ class LabelMap:
         return cls(file, tuple(keys), names, tuple(colors), values)
 
     def linear_colors(self, values: IntArray) -> FloatArray:
-        """Return colours (V, 3) of keys (V,) in linear light."""
+        """Return the colours (V, 3), in linear light, of label keys (V,)."""
         table = np.array(self.colors) ** 2.2
         return np.asarray(table[np.searchsorted(self.keys, values)])
 

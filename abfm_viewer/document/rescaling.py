@@ -1,4 +1,4 @@
-"""Scaling of a source to the range of its target."""
+"""Scaling of a source function to the range of its target."""
 
 from dataclasses import replace
 
@@ -11,10 +11,10 @@ _RANGE_TOLERANCE = 1e-3  # fraction of the target's range; smaller differences a
 
 
 def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
-    """Return the spec of a source, scaled and shifted to the range of a target.
+    """Return the spec (text) of a source, scaled and shifted so that its range is the target's.
 
-    The spec is unchanged if the ranges agree already or if one of the functions is constant.
-    ``source`` (V,) and ``target`` (W,) are the values of the functions.
+    ``source`` (V,) and ``target`` (W,) are values of the two functions. The spec stays the same if
+    the ranges agree already, or if one of the functions is constant.
     """
     (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
     if not (high > low and most > least):

@@ -1,4 +1,4 @@
-"""Tables of the results of a batch or of a population, with sorting and searching."""
+"""Tables of the results of a batch or a population, which can be sorted and searched."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ COLUMNS: Mapping[Name, Column] = {
 
 @dataclass(frozen=True)
 class ResultRow:
-    """A row and the facts of its result."""
+    """A row of a table of results, for example a subject, with the facts of its result."""
 
     number: int  # in its table
     name: str
@@ -63,7 +63,7 @@ class ResultRow:
 
     @property
     def key(self) -> tuple[int, str]:
-        """Key of the row, which stays the same when the table is read again."""
+        """Number and name of the row, by which it is found when the table is read again."""
         return self.number, self.name
 
     @property
@@ -71,7 +71,7 @@ class ResultRow:
         return self.facts.outcome
 
     def label_document(self, document: Document) -> Document:
-        """Return a document with the row's name and the table's names of its functions."""
+        """Return a document with the row's name, and with the names of functions in the table."""
         specs = [spec for channel in document.channels for spec in channel.specs]
         texts = [text for pair in self.texts for text in pair]
         names = dict(zip(specs, texts, strict=True)) if len(specs) == len(texts) else {}
@@ -85,7 +85,10 @@ class ResultRow:
         return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
 
     def has(self, words: Sequence[str]) -> bool:
-        """Return whether name, verdict and reason contain all words or phrases (lower case)."""
+        """Return whether the row's name, verdict and reason together contain all ``words``.
+
+        Words are in lower case, and may be phrases.
+        """
         text = f"{self.name} {self.verdict} {self.facts.reason}".lower()
         return all(word in text for word in words)
 
@@ -106,7 +109,7 @@ class ResultTable:
         return False
 
     def can_show(self, row: ResultRow) -> bool:
-        """Return whether a row has a result, or values on the template."""
+        """Return whether a row can be shown: by its result, or by values on the template."""
         return row.path is not None or self.has_values(row)
 
     @property
@@ -120,7 +123,7 @@ class ResultTable:
         return next((row for row in self.rows if row.key == key), None)
 
     def shown(self, column: Name, falls: bool, search: str) -> tuple[ResultRow, ...]:
-        """Return the rows that match a search, sorted by a column.
+        """Return the rows that match a search, sorted by a column; ``falls`` is descending order.
 
         A row matches if it contains the search text. If no row does, rows match that contain all
         its words. Verdicts are sorted from the worst to the best, and rows of equal verdict by
@@ -141,7 +144,7 @@ class ResultTable:
         return (*known, *unknown)
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return the sort key of a row: by verdict, then by residual, the worst first."""
+        """Return a key that sorts rows from the worst to the best: by verdict, then by residual."""
         worse = row.facts.worse_residual
         return -row.verdict.rank, 0.0 if math.isnan(worse) else -worse, row.name
 
@@ -158,7 +161,10 @@ class PopulationTable(ResultTable):
         return bool(np.isfinite(self.population.values[row.number]).any())
 
     def badness(self, row: ResultRow) -> tuple[int, float, str]:
-        """Return the sort key of a row; good rows are sorted by correlation."""
+        """Return a key that sorts rows from the worst to the best: by verdict, then by correlation.
+
+        The verdicts matched and nearly matched count as equal.
+        """
         rank = Outcome.NEARLY.rank if row.verdict.is_good else row.verdict.rank
         correlation = row.facts.number("correlation")
         return -rank, -2.0 if math.isnan(correlation) else correlation, row.name

@@ -1,4 +1,4 @@
-"""Conversion of points and landmarks between documents and the library."""
+"""Conversion of points and landmarks between the classes of documents and those of the library."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def points_of(found: abfm.maps.SurfacePoints) -> list[Point]:
 def landmark_pairs(
     a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]
 ) -> abfm.registration.Landmarks | None:
-    """Return complete landmarks on the surfaces of source and target; None without landmarks."""
+    """Return landmarks, all with points on both surfaces, for the library; None without any."""
     if not pairs:
         return None
     on_a, on_b = (
@@ -45,7 +45,7 @@ def landmarks_of(given: abfm.registration.Landmarks) -> tuple[Landmark, ...]:
 
 
 def landmarks_of_match(match: abfm.Match) -> tuple[Landmark, ...]:
-    """Return the landmarks of a match on its surface: start points and target points."""
+    """Return the landmarks of a match, with start and target points on its surface."""
     if (marks := match.problem.landmarks) is None:
         return ()
     starts, ends = points_of(marks.points(match.mesh)), points_of(marks.targets(match.mesh))

@@ -16,7 +16,7 @@ _ABBREVIATIONS = {
 
 
 def short_headline(facts: Facts) -> str:
-    """Return the headline in fewer words: ``matched (residual 4.3%), areas ×1.4``."""
+    """Return the headline of facts, abbreviated: ``matched (residual 4.3%), areas ×1.4``."""
     headline = facts.headline
     for phrase, shorter in _ABBREVIATIONS.items():
         headline = headline.replace(phrase, shorter)
@@ -24,7 +24,10 @@ def short_headline(facts: Facts) -> str:
 
 
 def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
-    """Return ``residual 0.31``; for landmarks alone ``farthest landmark 3.1% away``."""
+    """Return the residual of an iterate: ``residual 0.31``.
+
+    If only landmarks are matched, return their largest error: ``farthest landmark 3.1% away``.
+    """
     if not is_of_landmarks:
         return f"residual {now.residual:.3g}"
     from abfm.matching.terms.landmarks import error_of
@@ -46,19 +49,23 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
 
 
 def numbers_text(match: abfm.Match) -> str:
-    """Return ``Residual 0.012, 0.03 along flow lines``; for landmarks alone folded faces."""
+    """Return both residuals of a match: ``Residual 0.012, 0.03 along flow lines``.
+
+    If only landmarks were matched, return the share of folded faces, or an empty text if it is
+    unknown.
+    """
     if not match.problem.is_of_landmarks:
         return f"Residual {abfm.matching.residual_text(match)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
 
 
 def refinement_text(match: abfm.Match) -> str:
-    """Return ``found on a finer mesh, with 16 times as many faces``; empty without one."""
+    """Return ``found on a finer mesh, with 16 times as many faces``; empty without a finer mesh."""
     found = f"found on a finer mesh, with {4**match.refined} times as many faces"
     return found if match.refined else ""
 
 
 def stage_text(now: abfm.matching.Iteration) -> str:
-    """Return the position in the continuation: ``mesh 1/3, stage 2, reach 0.5``."""
+    """Return an iterate's position in the continuation: ``mesh 1/3, stage 2, reach 0.5``."""
     mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
     return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"

@@ -1,1 +1,1 @@
-"""Files of the app: projects, results, autosaved copies and preferences."""
+"""Files that the app reads and writes: projects, results, autosaved copies and preferences."""

@@ -1,4 +1,4 @@
-"""Autosaved copies of unsaved documents, and their recovery after a crash."""
+"""Autosaved copies of unsaved documents, which are offered for recovery after a crash."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _HEARTBEAT_SECONDS_MAX = 120.0
 
 
 class Autosave:
-    """Writes copies of a changed document to the state folder in the background.
+    """Writes copies of a changed document to the state folder, in the background.
 
-    Copies are written at most every `seconds`. A process may have several objects of this class,
-    each with a different `number`. The time of the last modification of a copy is its heartbeat: a
-    recent one means that its process is running.
+    Copies are written at most every `seconds`. Several objects in one process have different values
+    of `number`. The modification time of a copy is a heartbeat: a recent one means that the process
+    that wrote it is still running.
     """
 
     def __init__(
@@ -65,11 +65,12 @@ class Autosave:
         origin: Origin | None = None,
         sequence_run: object = None,
     ) -> None:
-        """Write a copy if it is due, or remove the copy if all is saved. Call once per frame.
+        """Write a copy of the document if one is due; remove it if everything is saved.
 
-        The copy is written again if ``state`` is another object. ``content`` returns the document
-        to write, and ``origin`` is its project file. When a run of a sequence begins, a copy is
-        written immediately, because the checkpoint of the run can be used only with the document.
+        Called before each drawing. ``content`` returns the document to write, and ``origin`` is its
+        project file. The copy is written again only if ``state`` is another object. When a run of a
+        sequence begins, a copy is written immediately, because the checkpoint of the run is useless
+        without it.
         """
         if self._future is not None:
             if not self._future.done():
@@ -100,7 +101,7 @@ class Autosave:
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
-        """Use a recovered copy as the copy of this process until the next one is written."""
+        """Rename a recovered copy, so that it counts as this process's copy until the next one."""
         with suppress(OSError):
             recovery.path.replace(self.path)
             self._has_copy = True
@@ -108,11 +109,11 @@ class Autosave:
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether the copy has a checkpoint of an unfinished run of a sequence."""
+        """Whether an unfinished run of a sequence has stored a checkpoint for the copy."""
         return bool(abfm.sequences.checkpoints_of(self.path))
 
     def discard(self) -> None:
-        """Remove the copy, even if it is being written, and its checkpoints."""
+        """Remove the copy and its checkpoints; a copy that is being written is also removed."""
         self._state, self._has_copy = None, False
         Recovery(self.path, 0.0).discard()
 
@@ -137,7 +138,7 @@ class Autosave:
 
 @dataclass(frozen=True)
 class Recovery:
-    """Copy of a process that ended without saving."""
+    """An autosaved copy of a process that ended without saving."""
 
     path: Path
     written: float  # time of the last modification, in seconds since the epoch
@@ -156,7 +157,10 @@ class Recovery:
 
 
 def recoverable(folder: StateFolder) -> list[Recovery]:
-    """Return copies of ended processes, the latest first; remove checkpoints without a copy."""
+    """Return the autosaved copies of processes that have ended, the latest first.
+
+    Checkpoints without a copy are removed.
+    """
     found = []
     with suppress(OSError):
         for path in folder.path.glob(f"{_PREFIX}*"):
@@ -175,7 +179,7 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
 
 
 def _is_alive(process: int) -> bool:
-    """Return whether a process is running; always True on Windows, which relies on heartbeats."""
+    """Return whether a process is running; always True on Windows, where only heartbeats count."""
     if sys.platform != "win32":
         try:
             os.kill(process, 0)

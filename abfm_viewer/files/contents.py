@@ -1,4 +1,4 @@
-"""Kinds of files, determined by name and, if necessary, by contents."""
+"""Kinds of files (mesh, frames, document, table), recognised by name and, if needed, contents."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Contents(StrEnum):
 
 
 def contents_of(path: Path) -> Contents:
-    """Return the kind of a file or folder; for damaged files, according to the name."""
+    """Return the kind of a file or folder; a damaged file is judged by its name alone."""
     name = path.name.lower()
     if place_of(path) is not None:
         return Contents.TABLE
@@ -66,7 +66,10 @@ def _contents_of_arrays(path: Path) -> Contents:
 
 
 def _has_no_surface(path: Path) -> bool:
-    """Return whether a GIFTI file has no surface, which is true for files of frames."""
+    """Return whether a GIFTI file has no surface, so that it is a file of frames.
+
+    The result is False for a file that cannot be read.
+    """
     try:
         return all(each.intent != _POINTS for each in read_gifti(path).arrays)
     except (OSError, ValueError):  # reported when the file is read as a mesh

@@ -1,4 +1,4 @@
-"""Reading of documents from projects and results."""
+"""Reading of documents from project files and result files."""
 
 from __future__ import annotations
 
@@ -53,9 +53,10 @@ def read_document(path: Path) -> Opened:
 def document_of_result(
     match: abfm.Match, path: Path
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document that shows a match at tau, and the values of its functions.
+    """Return a document that shows a match at time tau, and the values of its functions by spec.
 
-    Functions keep their specs if these need no file. Otherwise the result's file becomes the spec.
+    The specs (texts) of functions stay the same if they need no file. Otherwise they refer to the
+    result file ``path``.
     """
     known: dict[str, FloatArray] = {}
 
@@ -88,9 +89,10 @@ def document_of_result(
 
 
 def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
-    """Return a document that shows a registration at tau, and the values of its functions.
+    """Return a document that shows a registration at time tau, and the values of its functions.
 
-    Functions that are known on B alone are transferred to A by the initial map.
+    ``path`` is the result file. Functions of A that are known on B alone are transferred back to A
+    by the initial map.
     """
     match, initial = found.match, found.initial
     (document, on_b), back = document_of_result(match, path), initial.inverse()
@@ -114,7 +116,7 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
 
 
 def document_of_sequence(sequence: abfm.Sequence, path: Path) -> SequenceDocument:
-    """Return a document that shows a sequence at its start, with tracks."""
+    """Return a document that shows the sequence of a result file from its start, with tracks."""
     return SequenceDocument(
         (Surface(sequence.mesh, path.name),),
         FrameSequence(path.name, sequence._frames),

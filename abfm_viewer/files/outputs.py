@@ -1,4 +1,4 @@
-"""Output files: checks before a long computation, and writing by suffix."""
+"""Output files: checks before a long computation, and writing in the format of the suffix."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def check_result(path: Path, task: type[Task]) -> None:
 
 
 def check(path: Path, suffixes: Collection[str]) -> None:
-    """Raise a `ResultError` if a path cannot be written or has another suffix."""
+    """Raise a `ResultError` if a file cannot be written, or its suffix is not in ``suffixes``."""
     if path.suffix not in suffixes:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
     check_folder(path)
 
 
 def check_folder(path: Path) -> None:
-    """Raise a `ResultError` if a path cannot be written, with any suffix."""
+    """Raise a `ResultError` if a file cannot be written to its folder; any suffix is allowed."""
     if path.parent.exists() and not path.parent.is_dir():
         raise ResultError(
             f"cannot write {path}: {path.parent} is not a folder; choose another folder"
@@ -56,10 +56,10 @@ def check_folder(path: Path) -> None:
 
 
 def check_not_read(path: Path, read: Iterable[str | None]) -> None:
-    """Raise a `ResultError` if writing a path would overwrite an input of the same command.
+    """Raise a `ResultError` if writing a file would overwrite an input of the same command.
 
-    ``read`` are paths and specs of functions, which may name files. The frames of a .pvd file are
-    checked as well.
+    ``read`` are the inputs: paths, and specs of functions, which may name files. For a .pvd file,
+    the files of its frames are checked as well.
     """
     for name in (name for each in read if each is not None for name in _files_in(each)):
         other = Path(os.path.expanduser(name))
@@ -75,7 +75,7 @@ def check_not_read(path: Path, read: Iterable[str | None]) -> None:
 
 
 def _files_in(text: str) -> list[str]:
-    """Return the files that a text may name: the text itself, and files in a spec."""
+    """Return the files that an input may name: the text itself, and files in it as a spec."""
     found = [text]
 
     def collect(name: str) -> str:
@@ -88,7 +88,7 @@ def _files_in(text: str) -> list[str]:
 
 
 class LostResultError(ResultError):
-    """Error: a result could not be written anywhere."""
+    """Error that a result could not be written anywhere, and so is lost."""
 
 
 def make_folder(path: Path) -> None:
@@ -101,9 +101,9 @@ def make_folder(path: Path) -> None:
 
 
 def write(path: Path, found: Any, up: str | None = None) -> str:
-    """Write a result in the format of the suffix, and return a note if the file lacks something.
+    """Write a result in the format of the suffix; return a note about what the file lacks.
 
-    ``up`` is the axis that points upwards on a page. The note is one line or empty.
+    The note is one line, or empty. ``up`` is the axis that points upwards on an HTML page.
     """
     if path.suffix == ".npz":
         return results.save_with_fallback(path, found)
@@ -119,11 +119,11 @@ def write_all(
     up: str | None = None,
     tables: Mapping[str, Path] | None = None,
 ) -> list[str]:
-    """Write a result to several files, and its tables by their names.
+    """Write a result to several files, and its tables, whose files ``tables`` gives by name.
 
-    Return notes about files that lack something, one line each. If a file cannot be written, a
-    `ResultError` is raised. The result is then saved in another folder, unless a result file was
-    written.
+    Return notes about files that lack something, one line each. If a file cannot be written, the
+    other files are, and a `ResultError` is raised. Unless a result file (.npz) was written, the
+    result is then saved in another folder. ``up`` is the axis that points upwards on an HTML page.
     """
     writers: dict[Path, Callable[[], object]] = {
         path: partial(write, path, found, up) for path in paths
@@ -152,7 +152,11 @@ def write_all(
 
 
 def _save_elsewhere(found: results.Saved) -> str:
-    """Save a result in the first writable folder; return its path and a note, or an empty text."""
+    """Save a result in the first writable folder; return its path, or an empty text if this fails.
+
+    The path may be followed by a note. The folders are the current one, the user's, and a temporary
+    one.
+    """
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(Exception):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"

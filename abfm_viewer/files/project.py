@@ -1,8 +1,14 @@
 """Project files (``.abfm``): zip files with all data of a document.
 
-``result.npz`` is the result file, as written by the result's `save`. ``project.json`` has the other
-fields of the document, ``view.json`` its view, and ``*.npy`` are arrays. JSON refers to arrays and
-meshes by the names of their members. Objects that the result contains are named ``result/NAME``.
+The members of the zip file are:
+
+- ``result.npz``: the result file, as written by the result's `save`
+- ``view.json``: the view of the document
+- ``project.json``: the other fields of the document
+- ``*.npy``: arrays
+
+JSON refers to arrays and meshes by the names of their members. Objects that the result contains are
+named ``result/NAME``.
 """
 
 from __future__ import annotations
@@ -67,7 +73,7 @@ _hints = cache(partial(get_type_hints, localns=_OF_RESULT, include_extras=True))
 
 @dataclass(frozen=True)
 class Origin:
-    """A project file in the state in which it was last read or written."""
+    """A project file, with time and size when the app last read or wrote it."""
 
     path: Path
     modified: int  # time in ns
@@ -75,7 +81,7 @@ class Origin:
 
     @classmethod
     def of(cls, path: Path) -> Origin:
-        """Return the current state of a file; the size of a missing file is negative."""
+        """Return a file with its present time and size; the size of a missing file is negative."""
         return cls(path, *_state(path))
 
     @property
@@ -89,7 +95,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class _Header:
-    """Contents of `project.json`."""
+    """Contents of the file `project.json`."""
 
     kind: str
     has_result: bool
@@ -103,11 +109,12 @@ def save_project(
     known: Mapping[str, FloatArray],
     origin: Origin | None = None,
 ) -> None:
-    """Write a project file atomically; equal documents give equal bytes.
+    """Write a document as a project file, completely or not at all.
 
-    ``known`` are the values (V,) of the terms from files (`terms_from_files`), by
-    `Document.values_key`. ``origin`` is, for autosaved copies, the original project file. Raises
-    `ResultError` if the file cannot be written, or could not be opened again.
+    Equal documents give equal bytes. ``known`` are the values (V,) of functions that need files
+    (see `terms_from_files`), by `Document.values_key`. For an autosaved copy, ``origin`` is the
+    project file of the document. If the file cannot be written, or could not be opened again, a
+    `ResultError` is raised.
     """
     document, found = document.saved(), document.complete_result
     writer = _Writer(_parts(found))
@@ -141,7 +148,10 @@ def save_project(
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
-    """Read a document and its values from other files; a damaged file raises a `ResultError`."""
+    """Return the document in a project file, and the values of its functions that need files.
+
+    The values (V,) are by `Document.values_key`. A damaged file raises a `ResultError`.
+    """
     with results.open_archive(path, "project", "Use another copy of the file") as archive:
         if results.has_format_version(archive):
             raise ResultError(
@@ -160,7 +170,10 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
-    """Return the original file of an autosaved copy; None if there is none or it is missing."""
+    """Return the project file of which ``copy`` is an autosaved copy.
+
+    The result is None if the document had no file, or if that file no longer exists.
+    """
     try:
         with results.open_archive(copy, "project", "") as archive:
             plain = json.loads(archive.read(MEMBER))
@@ -183,7 +196,7 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _parts(found: Any) -> dict[str, Any]:
-    """Return the parts of a result that documents contain as well, by their names in files."""
+    """Return a result, and its parts that documents also contain, by their names in JSON."""
     parts = {} if found is None else {"result": found}
     for name in _PARTS:
         with suppress(AttributeError):
@@ -208,7 +221,7 @@ class _Writer:
         self.objects = objects  # those that have names already, such as parts of the result
 
     def plain(self, value: Any, place: str) -> Any:
-        """Return a value for JSON; names of its arrays begin with ``place``."""
+        """Return a value as JSON data; the names of arrays in the value begin with ``place``."""
         if (name := self._name(value)) is not None:
             return name
         if isinstance(value, np.ndarray):
@@ -229,7 +242,10 @@ class _Writer:
         return value
 
     def _name(self, value: Any) -> str | None:
-        """Return the name of an object, or for a mesh that of an equal mesh of the result."""
+        """Return the name of an object that the project already has; None if it is new.
+
+        A mesh is also known if it equals a mesh of the result.
+        """
         for name, known in self.objects.items():
             if known is value:
                 return name
@@ -242,13 +258,13 @@ class _Writer:
 
 
 class _Reader:
-    """Converts JSON and arrays to a document by the types of its fields, or raises `ValueError`."""
+    """Converts JSON and arrays to a document; data of a wrong type raise `ValueError`."""
 
     def __init__(self, arrays: Mapping[str, Any], objects: dict[str, Any]) -> None:
         self._arrays, self._objects = arrays, objects
 
     def read(self, hint: Any, value: Any, where: str) -> Any:
-        """Return a value of a type from JSON; ``where`` is its place for error messages."""
+        """Return JSON data as a value of type ``hint``; ``where`` is its place, for messages."""
         origin, options = get_origin(hint), get_args(hint)
         if origin in (Union, types.UnionType):
             [inner] = [option for option in options if option is not type(None)]
@@ -281,7 +297,7 @@ class _Reader:
         return entry.check(where, np.asarray(self._arrays[value]), sizes)
 
     def _object(self, hint: Any, value: Any, where: str) -> Any:
-        """Return a named object: a part of the result, or a mesh."""
+        """Return the object that JSON data name: a part of the result, or a mesh."""
         _expect(isinstance(value, str), where, value, "a name")
         if hint is TriangleMesh and value not in self._objects:
             arrays = results.check_arrays(self._arrays, MESH_ENTRIES, f"{value}/")

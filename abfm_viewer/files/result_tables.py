@@ -1,4 +1,4 @@
-"""Reading of the results of a batch or of a population as a table, also during the run."""
+"""Reading of the results of a batch or population as a table, even while they are computed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # facts of subjec
 
 
 def place_of(path: Path) -> Path | None:
-    """Return the folder of results to which a path belongs, or a population's file, or None."""
+    """Return the folder of results to which a file belongs; None if it belongs to none.
+
+    A folder, and the result file of a population, are returned themselves.
+    """
     if path.is_dir() or path.name == POPULATION:
         return path
     if path.name == "rows.json" and path.parent.name == _LEDGER:
@@ -34,9 +37,10 @@ class TableReader:
         self._known: dict[Path, ResultRow] = {}
 
     def read(self, anew: bool = True) -> ResultTable:
-        """Return the table, as the same object if no file changed and ``anew`` is False.
+        """Return the table of results, read from its files.
 
-        A missing or damaged table raises a `ResultError`.
+        If ``anew`` is False and no file has changed, the same object as before is returned. A
+        missing or damaged table raises a `ResultError`.
         """
         stamps = _stamps(self.place)
         if self._table is None or anew or stamps != self._stamps:
@@ -68,7 +72,10 @@ class TableReader:
 
 
 def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
-    """Return source and target of each channel as written in a row; empty for sequences."""
+    """Return texts of source and target of each channel, as written in the row of a batch.
+
+    They are empty for sequences.
+    """
     from abfm.tasks.inputs import channels
 
     try:
@@ -99,7 +106,7 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
 
 
 def _stamps(place: Path) -> list[int]:
-    """Return the modification times (ns) of a table's files, which are replaced on every write."""
+    """Return the modification times (ns) of a table's files, which every change replaces."""
     watched = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     stamps = []
     for path in watched if place.is_dir() else (place,):

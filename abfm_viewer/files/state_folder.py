@@ -1,4 +1,4 @@
-"""The folder in which the app keeps recent files, preferences and autosaved copies."""
+"""Folder in which the app stores recent files, preferences and autosaved copies."""
 
 import json
 import os
@@ -16,10 +16,10 @@ STATE_VARIABLE = "ABFM_STATE_FOLDER"
 
 
 class StateFolder:
-    """Folder for the state of the app between launches.
+    """Folder that stores the state of the app between launches.
 
-    By default it is that of the environment variable ABFM_STATE_FOLDER, or the system's folder for
-    state. If the folder cannot be read or written, nothing is remembered.
+    By default it is the folder in the environment variable ABFM_STATE_FOLDER, or else the system's
+    folder for state. If the folder cannot be read or written, nothing is stored.
     """
 
     def __init__(self, path: Path | None = None) -> None:
@@ -32,7 +32,7 @@ class StateFolder:
         self.path = path
 
     def recent(self) -> list[Path]:
-        """Return recent files and folders of results that still exist, the latest first."""
+        """Return recently opened files and results folders that still exist, the latest first."""
         found = []
         for name in self._read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
@@ -59,7 +59,7 @@ class StateFolder:
             self._write("preferences.json", known | {name: value})
 
     def _read(self, name: str, kind: type[Any]) -> Any:
-        """Return the contents of a JSON file, or an empty value if they are of another type."""
+        """Return the contents of a JSON file; empty if they are not of type ``kind``."""
         with suppress(OSError, ValueError, RecursionError, MemoryError):
             found = json.loads(read_bytes(self.path / name, size_max=_FILE_BYTES_MAX))
             if isinstance(found, kind):

@@ -1,4 +1,4 @@
-"""The Gaussian of the source or the target that the mouse and the panel change."""
+"""The active Gaussian of the source or target, which the mouse and the Functions tab change."""
 
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import Side
@@ -21,7 +21,7 @@ def active_gaussian(session: Session, side: Side) -> int | None:
 
 
 def obstacle_to_move(session: Session, side: Side) -> str:
-    """Return why the Gaussian of the source or target cannot be moved; empty if it can."""
+    """Return why the mouse cannot move a Gaussian of the source or target; empty if it can."""
     if not session.document.has_sides:
         return _FRAMES
     if session.active is None:
@@ -35,7 +35,11 @@ def obstacle_to_move(session: Session, side: Side) -> str:
 
 
 def move(session: Session, side: Side, vertex: int, merge: str) -> None:
-    """Move the active Gaussian to a vertex, as numbered in the mesh (not in the file)."""
+    """Move the active Gaussian of a side to a vertex, and record this as a step of undo.
+
+    ``vertex`` is an index of the loaded mesh, whose vertices may be numbered differently in the
+    file. Consecutive moves with the same key ``merge`` are one step of undo.
+    """
     chosen = active_gaussian(session, side)
     in_file = int(session.surface(side).mesh.vertex_ids[vertex])
     if chosen is not None and session.active is not None:
@@ -44,7 +48,11 @@ def move(session: Session, side: Side, vertex: int, merge: str) -> None:
 
 
 def widen(session: Session, side: Side, notches: float, merge: str) -> None:
-    """Widen the active Gaussian by a number of wheel notches; negative numbers narrow it."""
+    """Widen the active Gaussian of a side by notches of the mouse wheel; negative ones narrow it.
+
+    Consecutive changes with the same key ``merge`` are one step of undo. If the side has no
+    Gaussian, a notice is shown.
+    """
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
         has_sides = session.document.has_sides

@@ -1,4 +1,4 @@
-"""Search for the field of smallest residual within a bound of distortion."""
+"""Search for a field of small residual whose distortion stays below a bound."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from abfm_viewer.session.notices import Notices
 
 
 class _Found(NamedTuple):
-    """The match of smallest residual within the bound of distortion."""
+    """Result of a search for the smallest residual with bounded distortion."""
 
     match: abfm.Match
     reason: str  # why no match keeps the bound
@@ -24,9 +24,10 @@ class _Found(NamedTuple):
 
 
 class Bound:
-    """Limits the distortion of the result in a subprocess, one search at a time.
+    """Searches, in a subprocess, for a match with less distortion than the current result.
 
-    When a search finds a field within the bound, its match replaces the result.
+    There is at most one search at a time. If it finds a match whose distortion is at most
+    `maximum`, this replaces the result of the document. Otherwise a message gives the reason.
     """
 
     def __init__(self, editor: Editor, notices: Notices, process: Process) -> None:
@@ -85,7 +86,11 @@ class Bound:
 def _within(
     _: object, result: abfm.Match, initial: abfm.Correspondence | None, maximum: float
 ) -> _Found:
-    """Return the match of smallest residual whose distortion is within the bound."""
+    """Return the match of smallest residual whose distortion is at most ``maximum``.
+
+    If none is found, return ``result``, the given match, and the reason. ``initial`` is the initial
+    map from surface A to B; None for one surface.
+    """
     if initial is None:
         found = abfm.matching.limit_distortion(result, maximum)
         return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)

@@ -1,4 +1,4 @@
-"""Editing of documents: each change is a step of undo."""
+"""Editing of documents with undo and redo."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ The latest step is always kept and does not count."""
 
 
 class Step(NamedTuple):
-    """State of the document before a change."""
+    """Entry of the undo or redo history: a document before a change, with a label of the change."""
 
     document: Document
     label: str  # description of the change
@@ -72,7 +72,10 @@ class Editor:
         return self.future[-1].label if self.future else ""
 
     def go_to(self, document: Document, label: str, merge: str = "") -> None:
-        """Replace the document as one step; consecutive steps with the same `merge` key are one."""
+        """Replace the document, and record this as a step of undo described by ``label``.
+
+        Consecutive changes with the same nonempty key ``merge`` are one step.
+        """
         if not (merge and self.past and self.past[-1].merge == merge):
             changes_viewpoint = _viewpoint_differs(self.document, document)
             self.past.append(Step(self.document, label, merge, changes_viewpoint))
@@ -82,7 +85,7 @@ class Editor:
         self.action_count += 1
 
     def seal(self) -> None:
-        """Make the next change a separate step, whatever its merge key is."""
+        """Make the next change a separate step of undo, even if it has the same key ``merge``."""
         if self.past:
             self.past[-1] = self.past[-1]._replace(merge="")
 
@@ -93,7 +96,10 @@ class Editor:
         self._move(self.future, self.past)
 
     def _step_limit(self) -> int:
-        """Return the number of steps to keep: the latest one, and others within the limits."""
+        """Return how many of the latest steps of undo to keep, within limits of count and memory.
+
+        The latest step is always kept.
+        """
         counted, remaining_bytes = set(_large_parts(self.document)), UNDO_BYTES_MAX
         for count, step in enumerate(reversed(self.past)):
             parts = _large_parts(step.document)
@@ -116,21 +122,26 @@ class Editor:
             self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
-        """Set fields of the document as one step, if values differ; `merge` is as in `go_to`."""
+        """Set fields of the document as a step of undo; do nothing if all values are the same.
+
+        ``label`` describes the change. Consecutive changes with the same key ``merge`` are one
+        step.
+        """
         before = self.document
         if any(getattr(before, name) != value for name, value in values.items()):
             self.go_to(replace(before, **values), label, merge)
 
     def amend(self, **values: Any) -> None:
-        """Set fields of the document without a step of undo, for changes not made by the user."""
+        """Set fields of the document without a step of undo, as for changes by a computation."""
         self.document = replace(self.document, **values)
 
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
-        """Change the source or target of the active channel, and make that side active.
+        """Change the function of the active channel's source or target, and make that side active.
 
-        The Gaussian `bump` also becomes active. By default it is the same one as before, or the
-        first one if the side changes. An invalid spec raises a `FunctionError`. Whether the spec
-        fits the mesh is checked when it is evaluated.
+        ``spec`` is the text that defines the function; an invalid one raises a `FunctionError`.
+        Whether it fits the mesh is checked later, when it is evaluated. Gaussian number ``bump``
+        becomes active. By default it is the same one as before, or the first one if the side
+        changes.
         """
         document = self.draft
         if document.active is None:
@@ -159,7 +170,10 @@ class Editor:
         self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
-        """Add a channel that fixes a place far from all Gaussians, and make it active."""
+        """Add a channel whose source and target are the same Gaussian, and make it active.
+
+        The Gaussian is far from all others, so the channel keeps that place fixed in the match.
+        """
         self._insert("add a channel", self.draft.new_channel())
 
     def duplicate_channel(self) -> None:
@@ -167,7 +181,10 @@ class Editor:
             self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
-        """Remove the active channel unless it is alone; if all other weights are 0, make them 1."""
+        """Remove the active channel, unless it is the only one.
+
+        If all other channels have weight 0, their weights become 1.
+        """
         if others := self._others:
             if not any(channel.weight for channel in others):
                 others = [replace(channel, weight=1.0) for channel in others]
@@ -175,7 +192,11 @@ class Editor:
             self.change("remove a channel", channels=tuple(others), channel=place)
 
     def set_circular(self, period: float | None) -> None:
-        """Compare the active channel by cosine and sine; without a period, by its values again."""
+        """Treat the active channel as phases of a period, compared by cosine and sine.
+
+        The cosine and the sine become two channels. If ``period`` is None, they become one channel
+        again, which is compared by its values.
+        """
         document = self.document
         if (active := document.active) is None:
             return
@@ -198,7 +219,7 @@ class Editor:
             self._put("swap source and target", swapped)
 
     def select(self, **values: Any) -> None:
-        """Make a channel, a side with its Gaussian (`bump`), or a landmark active."""
+        """Make a channel, a landmark, or a side with its Gaussian (number `bump`) active."""
         self.change("select", merge="select", **values)
 
     @property
@@ -216,7 +237,10 @@ class Editor:
         self.change(label, merge, channels=channels, **values)
 
     def set_parameter(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change parameters by name; if a value is not allowed, raise a `ParameterError`."""
+        """Change parameters of the match by name; an invalid value raises a `ParameterError`.
+
+        If tau changes, the shown time changes in proportion.
+        """
         before = self.document.parameters
         if "method" in values and "segments" not in values:
             values["segments"] = 0
@@ -231,14 +255,14 @@ class Editor:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
     def set_sequence_settings(self, merge: str = "", label: str = "", **values: Any) -> None:
-        """Change settings of a sequence; if a value is not allowed, raise a `ParameterError`."""
+        """Change settings of a sequence by name; an invalid value raises a `ParameterError`."""
         assert isinstance(self.document, SequenceDocument)
         settings = replace(self.document.settings, **values)
         settings.check()
         self.change(label or f"change {', '.join(values)}", merge, settings=settings)
 
     def set_mask(self, spec: str) -> None:
-        """Set the spec of the mask, empty for none; an invalid spec raises a `FunctionError`."""
+        """Set the spec (text) of the mask, empty for none; if invalid, raise a `FunctionError`."""
         if spec:
             abfm.functions.parse(spec)
         self.change("change the mask", mask=spec)
@@ -260,7 +284,11 @@ class Editor:
         self.set_view("choose what a click does", tool=tool)
 
     def place_landmark(self, side: Side, point: Point) -> None:
-        """Place a point of the first landmark that has none on this side, or of a new landmark."""
+        """Place a landmark's point on the surface of the source or target.
+
+        The point completes the first landmark without a point on this side. If all landmarks have
+        one, it starts a new landmark.
+        """
         landmarks = [*self.document.landmarks]
         incomplete = (n for n, one in enumerate(landmarks) if one.point(side) is None)
         number = next(incomplete, len(landmarks))
@@ -287,13 +315,13 @@ class Editor:
 
 
 def _large_parts(document: Document) -> dict[int, int]:
-    """Return the bytes of all arrays of meshes and results, by identity of the arrays."""
+    """Return the bytes of each array of a document's meshes and results, by `id` of the array."""
     arrays = [array for part in document.large_parts for array in vars(part).values()]
     return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 
 
 def _viewpoint_differs(before: Document, after: Document) -> bool:
-    """Return whether documents differ in viewpoint, enlarged slot or identity."""
+    """Return whether two states have another viewpoint or enlarged picture, or another document."""
     one, other = before.view, after.view
     is_other = before.identity is not after.identity
     return is_other or one.viewpoint is not other.viewpoint or one.enlarged != other.enlarged

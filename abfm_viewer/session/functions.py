@@ -1,6 +1,6 @@
-"""Values of a session's functions.
+"""Values of the functions that are compared in the documents of a session.
 
-Only meshes that are in use have a thread and a subprocess for evaluation.
+Only meshes of the current document or of a run have a thread and a subprocess for evaluation.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from abfm_viewer.files.project import terms_from_files
 
 
 class DocumentFunctions:
-    """Functions of all documents in the history of a session."""
+    """Evaluates and stores the functions of all documents in the history of a session."""
 
     def __init__(self, at_once: bool) -> None:
         # time since which the current document waits for its first functions, by
@@ -46,7 +46,7 @@ class DocumentFunctions:
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
 
     def update(self, document: Document) -> None:
-        """Request the functions of the document and collect their values. Call once per frame."""
+        """Request the document's functions and collect computed values before each drawing."""
         before, self._evaluated = self._evaluated, {}
         for surface in document.surfaces:
             evaluating = self.of(surface.mesh)
@@ -58,16 +58,16 @@ class DocumentFunctions:
         self.waiting_since = (self.waiting_since or clock.perf_counter()) if has_none else None
 
     def _values_or_error(self, function: Function) -> FloatArray | str:
-        """Return values (V,) or an error; the error is empty while values are computed."""
+        """Return the values (V,) of a function, or a message; "" while they are computed."""
         return self._evaluated.get(self.of(function.surface.mesh), {}).get(function.spec, "")
 
     def values(self, function: Function) -> FloatArray | None:
-        """Return values (V,); None before they are evaluated, or if they cannot be."""
+        """Return the values (V,) of a function; None while they are computed, or if this failed."""
         found = self._values_or_error(function)
         return None if isinstance(found, str) else found
 
     def period(self, document: MatchDocument) -> float | None:
-        """Return the period of the active source if its values are phases, else None."""
+        """Return the period of the active channel's source if its values are phases, or None."""
         if document.active is None:
             return None
         function = document.function("source", document.active)
@@ -84,11 +84,11 @@ class DocumentFunctions:
     def release_unused(
         self, in_use: Collection[TriangleMesh], in_history: Collection[TriangleMesh]
     ) -> None:
-        """Free the memory of meshes that are not in use.
+        """Free the memory of meshes that are not ``in_use``.
 
-        Meshes that are not in the history are removed. Other unused meshes lose computed values but
-        keep values from files, because the files may have changed. Evaluations in progress finish
-        with their inputs, and their subprocess then ends.
+        Meshes that are not ``in_history`` either are forgotten. For the other unused meshes,
+        computed values are dropped. Their values from files are kept, because the files may have
+        changed. Running evaluations end normally, and then their subprocess ends.
         """
         for mesh, functions in list(self._by_mesh.items()):
             if mesh in in_use:
@@ -114,7 +114,10 @@ def _is_from_file(term: str) -> bool:
 
 
 def known_values(document: Document, functions: Evaluators) -> dict[str, FloatArray]:
-    """Return the values (V,) of functions from files, by `Document.values_key`, for a project."""
+    """Return the values (V,) of a document's functions that are read from files, for a project.
+
+    They are stored under `Document.values_key`. Functions that cannot be evaluated are left out.
+    """
     known = {}
     given: list[tuple[Side, str]] = [("target", document.mask)] if document.mask else []
     given += [(side, channel.spec(side)) for channel in document.channels for side in SIDES]

@@ -1,4 +1,8 @@
-"""Initial maps from A to B, and functions transferred by them, computed in the background."""
+"""Computation, in the background, of initial maps from A to B, and of the functions of A on B.
+
+Before a match of two surfaces, an initial map transfers the functions of surface A to B. There they
+are matched.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,7 @@ class _ChannelValues(NamedTuple):
 
 
 class _MapChoice(NamedTuple):
-    """Surfaces A and B, and an initial map or the word that selects one."""
+    """Surfaces A and B, and either an initial map or the name of a method that computes one."""
 
     a: TriangleMesh
     b: TriangleMesh
@@ -46,9 +50,9 @@ class _MapChoice(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PreparedMap:
-    """Problem on B, and the initial map that transferred the functions of A.
+    """Initial map from surface A to B, and the problem on B with the functions that it transferred.
 
-    The document may have changed since this problem and this map were computed.
+    The document may have changed since they were computed.
     """
 
     initial: InitialMap
@@ -57,10 +61,10 @@ class PreparedMap:
 
 
 class InitialMaps:
-    """Initial map of the current document, and the functions of A on B.
+    """Computes the initial map from A to B of the current document, and the functions of A on B.
 
-    Earlier results for the same surfaces are used until newer ones are computed. A search is
-    cancelled when another word is chosen.
+    While a new map is computed, the latest one of the same two surfaces is used. If the user
+    chooses another method, the computation of the previous one is cancelled.
     """
 
     def __init__(self, jobs: Jobs, functions: DocumentFunctions, process: Process | None) -> None:
@@ -84,11 +88,15 @@ class InitialMaps:
 
     @property
     def error(self) -> str:
-        """Reason why there is no map; empty if there is one or it is being computed."""
+        """Reason why no initial map could be computed; empty during computation and on success."""
         return "" if self.busy else self._prepared.error
 
     def prepared(self, document: PairDocument) -> PreparedMap | None:
-        """Return the latest prepared map, perhaps of earlier functions; None if there is none."""
+        """Request the initial map and the problem of a document; return the latest computed ones.
+
+        While new ones are computed, the result may belong to earlier functions on the same
+        surfaces. It is None if nothing is computed yet.
+        """
         if not document.channels:
             return None
         present, result = document.initial_map, document.result
@@ -120,9 +128,10 @@ class InitialMaps:
         )
 
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
-        """Return a side of the active channel on B, as it is matched.
+        """Return the active source or target as it is matched on B, (V,); None if unknown yet.
 
-        The values of a target that are matched unchanged are returned as the array of its function.
+        Its values may be in standard deviations. A target that is matched without a change is the
+        same array as its function.
         """
         prepared = self.prepared(document)
         if prepared is None:
@@ -182,7 +191,7 @@ class InitialMaps:
         return PreparedMap(made, found.problem, found.problem.parameters)
 
     def _map(self, maps: Memo[Initial], choice: _MapChoice, given: _ChannelValues) -> Initial:
-        """Return the map; it is computed again only if one of its inputs changed."""
+        """Return the chosen initial map, which is computed again only if its inputs changed."""
         from abfm.registration.initial.map_input import Initial, MapInput
 
         a, b, method = choice
@@ -209,7 +218,10 @@ class InitialMaps:
 
 
 def _find_map(_: object, word: str | None, given: MapInput) -> Initial:
-    """Compute a map in a subprocess, as this takes seconds in which libraries block Python."""
+    """Compute an initial map by a method; "auto" compares all methods that apply.
+
+    This runs in a subprocess, because it takes seconds in which libraries block Python.
+    """
     from abfm.registration.initial.methods import initial_map
 
     return initial_map(word, given)

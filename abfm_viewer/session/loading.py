@@ -1,4 +1,4 @@
-"""Opening of files in the background; a newer request replaces an older one."""
+"""Opening of files in the background, where a newer request replaces an older one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OPENING = "opening"  # topic of cards about opening
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Request to read something in a thread."""
+    """Request to read a file, or to compute a document, in the background."""
 
     what: str  # such as "opening camel.off"
     read: Callable[
@@ -38,11 +38,12 @@ class Load:
 
 
 class Loading:
-    """Reads the newest request, which is `now`; errors become cards.
+    """Reads what the newest request needs in a thread, and shows an error card if this fails.
 
-    Each request for a file has its own reader. The reader of a cancelled request finishes in its
-    thread, and its result is dropped. If the same file is requested again meanwhile, the running
-    reader is used, so that a file is not read twice at a time.
+    `now` is the request in progress. Each requested file has its own reader. If a request is
+    cancelled, its reader finishes in the thread, and the result is dropped. If the same file is
+    requested again meanwhile, the running reader is used, so that a file is not read twice at a
+    time.
     """
 
     def __init__(self, jobs: Jobs, notices: Notices) -> None:
@@ -57,7 +58,7 @@ class Loading:
 
     @property
     def replacing(self) -> str:
-        """Description of the request that will replace the document; empty without one."""
+        """Description of the request that will replace the document; empty without a request."""
         return self.now.what if self.now else ""
 
     @property

@@ -1,4 +1,4 @@
-"""Messages to the user: a notice that disappears, cards that stay, and a log."""
+"""Messages to the user: a notice that disappears, cards that stay in view, and a log."""
 
 import time
 from collections import deque
@@ -34,7 +34,7 @@ class Card:
 
 
 class LogEntry(NamedTuple):
-    """Line of the log; the time is in seconds since the epoch."""
+    """Message in the log, with its time in seconds since the epoch."""
 
     time: float
     kind: str
@@ -42,7 +42,7 @@ class LogEntry(NamedTuple):
 
 
 class Notices:
-    """Messages that are shown to the user."""
+    """The messages of a session: the latest notice, the cards about errors, and the log."""
 
     def __init__(self, action_count: Callable[[], int]) -> None:
         self.latest = Notice("")  # empty if none is shown; it disappears after some seconds
@@ -54,7 +54,11 @@ class Notices:
     def show(
         self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None
     ) -> None:
-        """Show and log a message, unless it is shown already; an error is also a card."""
+        """Show a message as a notice and add it to the log; an error is also shown as a card.
+
+        A message that is shown already is not logged again. ``about`` is the topic by which
+        `resolve` removes the card. ``remedies`` are actions for its buttons, by their labels.
+        """
         text = " ".join(text.split())
         cards = self.cards
         shown = {card.text for card in cards} if is_error else {self.latest.text}
@@ -70,20 +74,20 @@ class Notices:
 
     @contextmanager
     def showing_errors(self) -> Iterator[None]:
-        """Show an `AbfmError` of the block as a card, and continue after the block."""
+        """Show an `AbfmError` that the ``with`` block raises as a card, and continue after it."""
         try:
             yield
         except AbfmError as error:
             self.show(str(error), is_error=True)
 
     def remedies_for(self, card: Card) -> Remedies:
-        """Return the remedies of a card, without those that newer cards also offer."""
+        """Return the remedies to offer on a card: those that no newer card offers already."""
         newer = takewhile(lambda one: one is not card, self.cards)
         taken = [remedy for one in newer for remedy in one.remedies.items()]
         return {label: do for label, do in card.remedies.items() if (label, do) not in taken}
 
     def dismiss(self, card: Card) -> None:
-        """Remove a card, and the notice with the same text."""
+        """Remove a card, and the notice if it has the same text."""
         self.cards = tuple(one for one in self.cards if one is not card)
         if self.latest == (card.text, True):
             self.clear()
@@ -97,7 +101,10 @@ class Notices:
         self.latest = Notice("")
 
     def update(self) -> None:
-        """Remove the notice after some seconds; an error also after the next action of the user."""
+        """Remove the current notice when its time is over; called before each drawing.
+
+        A notice of an error also disappears at the next change of the document by the user.
+        """
         at, count = self._shown
         has_acted = self.latest.is_error and count != self._action_count()
         seconds = _ERROR_SECONDS if self.latest.is_error else _NOTICE_SECONDS

@@ -1,4 +1,4 @@
-"""Parts of a session, which the classes in `work.py` use."""
+"""The objects of which a session consists, for use by the classes in `work.py`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from abfm_viewer.session.sequence_match import SequenceMatch
 
 
 class Parts:
-    """Parts of a session."""
+    """The objects of a session, such as editor, functions, solver and player."""
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool) -> None:
         self.jobs = Jobs(at_once)

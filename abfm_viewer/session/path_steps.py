@@ -1,4 +1,4 @@
-"""Steps of the path of a match, which can be shown in place of the result."""
+"""Steps of the continuation of a match, which can be shown in place of the result."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from abfm_viewer.session.notices import Notices
 
 
 class PathSteps:
-    """Shows steps of the result's path, from large to small sigma; each is a step of undo.
+    """Shows earlier steps of the continuation, from large to small sigma, in place of the result.
 
-    A step that was shown before is taken from the history, with all facts that were computed.
+    Each shown step becomes a step of undo. If it was shown before, the match in the history is
+    shown again, so that its computed facts are not lost.
     """
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
@@ -27,7 +28,7 @@ class PathSteps:
 
     @property
     def shown(self) -> int:
-        """Number of the step that is shown, or being computed for it; 0 without a result."""
+        """Number of the step that is shown or is being computed to be shown; 0 without a result."""
         result = self._editor.document.match
         return self._wanted[1] if self._wanted else result.step if result else 0
 
@@ -40,7 +41,7 @@ class PathSteps:
         return document.solver_step
 
     def show(self, step: int) -> None:
-        """Show another step of the path; a number outside the path becomes the first or last."""
+        """Show step number ``step`` of the continuation, or the nearest one that exists."""
         if result := self._editor.document.match:
             self._wanted = result, min(max(step, 0), len(result.path) - 1)
             self.update()

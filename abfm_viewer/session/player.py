@@ -1,4 +1,4 @@
-"""Playback: the shown time from frame to frame."""
+"""Playback, which moves the shown time each time that the window is drawn."""
 
 from typing import Literal, get_args
 
@@ -10,7 +10,7 @@ _FRAME_SECONDS_MAX = 0.1  # so that the time does not jump after a long frame
 
 
 class Player:
-    """Moves the shown time from frame to frame."""
+    """Moves the shown time while playing, and the phase of moving streaks."""
 
     def __init__(self) -> None:
         self.playing = False
@@ -27,7 +27,7 @@ class Player:
         self._direction, self._to_tau = 1.0, False
 
     def play_once(self) -> None:
-        """Play from the shown time to tau and stop there, regardless of `repeat`."""
+        """Start to play from the shown time, and stop at tau regardless of the setting `repeat`."""
         self.playing, self._starting, self._to_tau = True, False, True
 
     def move_streaks(self, seconds: float) -> None:
@@ -36,7 +36,11 @@ class Player:
     def advance(
         self, time: float, seconds: float, tau: float, end: float, tau_seconds: float = SECONDS
     ) -> float:
-        """Return the time to show after some seconds; 0 to tau takes ``tau_seconds`` at speed 1."""
+        """Return the time to show ``seconds`` after ``time`` was shown.
+
+        At speed 1, time 0 to tau takes ``tau_seconds``. ``end`` is the end of the time bar, to
+        which the player plays if `beyond` is true; otherwise to tau.
+        """
         if self.waiting:
             return time
         end = end if self.beyond and not self._to_tau else tau

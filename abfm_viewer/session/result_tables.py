@@ -1,4 +1,4 @@
-"""The open table of results, and its row that the surfaces show."""
+"""The open table of batch or population results; the window shows one of its rows as a document."""
 
 from __future__ import annotations
 
@@ -36,7 +36,11 @@ class FoundTable(NamedTuple):
 
 
 def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
-    """Read a table and its worst row that can be shown; an invalid table raises an `AbfmError`."""
+    """Read a results table, and the document of the worst row that has something to show.
+
+    ``kind`` is the quantity by which subjects of a population are compared. An invalid table raises
+    an `AbfmError`.
+    """
     reader = TableReader(place)
     table = reader.read()
     row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
@@ -45,7 +49,11 @@ def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
 
 
 def document_of_row(table: ResultTable, row: ResultRow, kind: ComparisonKind) -> Opened:
-    """Return the document of a row: a subject's values on the template, or the row's result."""
+    """Return a document that shows a row of a results table.
+
+    A subject of a population is shown by its values on the template, if there are any. Other rows
+    are shown by their result.
+    """
     if isinstance(table, PopulationTable) and table.has_values(row):
         return document_of_subject(table, row, kind)
     return document_of_result(row)
@@ -58,9 +66,10 @@ def document_of_result(row: ResultRow) -> Opened:
 
 
 def document_of_subject(table: PopulationTable, row: ResultRow, kind: ComparisonKind) -> Opened:
-    """Return a document of a subject's functions on the template and the mean of the others.
+    """Return a document with a subject's functions on the template and the mean of the others.
 
-    Missing values are interpolated from their surroundings and have weight 0.
+    Missing values are interpolated from their surroundings and have weight 0. ``kind`` is the
+    quantity by which the subject is compared with the other subjects.
     """
     found = table.population
     path = table.place / POPULATION if table.place.is_dir() else table.place
@@ -110,9 +119,9 @@ def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
 
 
 class Tables:
-    """Opens a table, updates it when its folder changes, and shows its rows.
+    """Opens a table of results, reads it again when its folder changes, and shows its rows.
 
-    ``load`` performs a `Load` in the background, which replaces the document.
+    ``load`` executes a `Load` in the background; its document replaces the current one.
     """
 
     def __init__(self, session: Session, load: Callable[[Load], None]) -> None:
@@ -147,7 +156,7 @@ class Tables:
 
     @property
     def error(self) -> str:
-        """Reason why the table cannot be read again; empty without an error."""
+        """Reason why the table could not be read again; empty without an error."""
         return self._latest.error
 
     @property
@@ -157,25 +166,25 @@ class Tables:
 
     @property
     def unshown_row(self) -> ResultRow | None:
-        """The selected row if it has no result, so that the surfaces show another row."""
+        """The selected row if it has no result, so that another row is still shown; or None."""
         row = self.chosen if self.is_of_document else None
         can_show = row is None or self.table is None or self.table.can_show(row)
         return None if can_show else row
 
     @property
     def summary(self) -> str:
-        """Text above the rows: a hint about a row without a result, or the number of verdicts."""
+        """Text above the rows: count of verdicts, or that the selected row has no result."""
         if (row := self.unshown_row) is not None:
             return f"{row.name} has no result; {self._session.document.name} is still shown"
         return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
 
     def attach_to(self, document: Document) -> None:
-        """Show the table also with a new document that was made from the document of a row."""
+        """Keep the table open for a document that was made from the document of one of its rows."""
         if self.table is not None and self.is_of_document:
             self._rows_of[document.identity] = self.table.place, None
 
     def read(self, place: Path) -> Callable[[], None]:
-        """Read a table, and return an action that shows it with its worst row."""
+        """Read a table, and return a function that shows it with its worst row."""
         return partial(self._show_found, find_table(place, self.comparison_kind))
 
     def _show_found(self, found: FoundTable) -> None:
@@ -198,7 +207,7 @@ class Tables:
         self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
 
     def sort(self, column: Name) -> None:
-        """Sort by a column, numbers in descending order; sorting again reverses the order."""
+        """Sort by a column, first in descending order if it has numbers; then reverse the order."""
         if column == self.column:
             self.falls = not self.falls
         else:
@@ -206,7 +215,7 @@ class Tables:
         self.scrolls = True
 
     def refresh(self) -> None:
-        """Read the table again in the next frame."""
+        """Read the table again at the next `update`."""
         self._next_check = 0.0
 
     def move(self, step: int) -> None:
@@ -219,7 +228,7 @@ class Tables:
             self.choose(row)
 
     def choose(self, row: ResultRow) -> None:
-        """Select and show a row; if it has no result, show a notice with the reason."""
+        """Select a row and show its document; without a result, show a notice with the reason."""
         if self.table is None:
             return
         self.cursor, self.has_keys = row.key, True
@@ -231,7 +240,7 @@ class Tables:
         self._session.notices.show(f"{text}; {self._session.document.name} is still shown")
 
     def open_result(self, row: ResultRow) -> None:
-        """Show the result of a row; for a subject this is its registration."""
+        """Show the result of a row; for a subject of a population, its match to the template."""
         self._open(row, partial(document_of_result, row))
 
     def compare(self, kind: ComparisonKind) -> None:
@@ -242,7 +251,7 @@ class Tables:
             self._session.editor.change(f"compare with the {kind}", comparison=other)
 
     def update(self) -> None:
-        """Follow changes of the folder and of the shown document. Call once per frame."""
+        """Update the table from its folder, and select the row of the shown document."""
         if self._reader is None or self.table is None:
             return
         if (shown := self._session.document.identity) is not self._last_document:
@@ -280,7 +289,7 @@ class Tables:
         self._load(Load(f"opening {row.name}", lambda: partial(show, make())))
 
     def _show(self, table: ResultTable, row: ResultRow, opened: Opened) -> None:
-        """Show a row's document; on the same mesh it keeps viewpoint and enlarged slot."""
+        """Show the document of a row; on the same mesh, keep viewpoint and enlarged picture."""
         session, (document, known) = self._session, opened
         now, mesh = session.document.surfaces, document.surfaces[-1].mesh
         is_same = len(now) == len(document.surfaces) and now[-1].mesh.digest == mesh.digest

@@ -1,4 +1,7 @@
-"""Documents of frames on a mesh, and of a match of two frames."""
+"""Documents of a sequence of frames on a mesh, and of a match between two of the frames.
+
+A frame is one image of a sequence: a function on the mesh at one time.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from abfm_viewer.document.kinds import MEASURED_COLUMN, MatchDocument, SequenceD
 def read_frame_sequence(
     path: Path, mesh: TriangleMesh, array: str | None = None
 ) -> tuple[FrameSequence, tuple[str, ...]]:
-    """Read frames on a mesh, and notes for the user.
+    """Read a sequence of frames on a mesh from a file, and return it with notes for the user.
 
     A file without frames for the mesh raises a `FunctionError`. A file with several arrays raises a
     `SeveralArraysError` unless ``array`` names one of them.
@@ -31,7 +34,11 @@ def read_frame_sequence(
 
 
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
-    """Return cosine and sine of the frames, which are phases; without a period, the phases."""
+    """Return a sequence of phases as cosine and sine, so that it can be matched across the period.
+
+    If ``period`` is None, return a sequence of cosine and sine as the phases from which it was
+    made.
+    """
     from abfm.sequences.frames import check_frames  # loads many modules
 
     if sequence.phases is not None:
@@ -50,7 +57,7 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
 
 
 def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) -> SequenceDocument:
-    """Return a document of frames, by default seen from the front with the most changes."""
+    """Return a document of a sequence; by default the part with the most changes is in front."""
     without_front = replace(surface, front=None)
     return SequenceDocument((without_front,), sequence, time=float(sequence.times[0]), view=view)
 
@@ -58,7 +65,7 @@ def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) ->
 def document_of_pair(
     document: SequenceDocument, first: int, last: int
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document that matches two frames, and the values of its functions."""
+    """Return a document that matches two frames, given by number, and the values of both."""
     sequence = document.sequence
     known: dict[str, FloatArray] = {}
     display_names: dict[str, str] = {}

@@ -1,4 +1,7 @@
-"""Matching of all frames of a sequence, and its fields during and after the run."""
+"""Matching of all frames of a sequence, and its fields during and after the run.
+
+Two consecutive frames are an interval, and a match finds one field for each interval.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +34,10 @@ Then: TypeAlias = "Callable[[SequenceDocument, abfm.Sequence | None], object]"
 
 
 class SequenceMatch:
-    """Matches all frames of a sequence in one run.
+    """Matches all consecutive frames of a sequence in one run.
 
-    Fields are stored in a checkpoint during the run, from which the next run of the same frames
-    resumes.
+    During the run, fields are stored in a checkpoint file. The next run with the same frames
+    resumes from this file.
     """
 
     def __init__(self, run: Run[Any]) -> None:
@@ -55,10 +58,10 @@ class SequenceMatch:
         return self._step
 
     def start(self, document: SequenceDocument, then: Then, resumes_only: bool = False) -> None:
-        """Match all frames of a document, starting from the checkpoint of an earlier run.
+        """Start a run that matches all frames, beginning with the fields in the checkpoint, if any.
 
-        With ``resumes_only``, only return the fields of the checkpoint. ``then`` is called when the
-        run is collected.
+        With ``resumes_only``, nothing is solved, and the result has only the fields in the
+        checkpoint. When the run has ended, ``then`` is called with the document and the result.
         """
         self.running_document, self._fields, self._fast_speed = document, {}, 0.0
         self._step = Step("reading the checkpoint" if resumes_only else "starting the solver")
@@ -74,7 +77,10 @@ class SequenceMatch:
         return len(self._fields) if is_of_run else 0
 
     def fast_speed(self, document: SequenceDocument) -> float:
-        """Return the largest fast speed of the run's fields, which never decreases, or 0."""
+        """Return the fast speed, which scales arrows: the largest of all fields of the run so far.
+
+        It never decreases during the run, and is 0 if the run has no field of the document.
+        """
         return self._fast_speed if self.found_count(document) else 0.0
 
     @property
@@ -84,9 +90,9 @@ class SequenceMatch:
         return f"{doing}, {len(self._fields)} of {count} intervals found"
 
     def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
-        """Return the field (F, 3) of an interval, always as the same array; None if unknown.
+        """Return the field (F, 3) of an interval, always as the same array; None if it is unknown.
 
-        After the first field of a run is found, only fields of the run are returned.
+        As soon as a run has found any field, fields of an earlier result are no longer returned.
         """
         if self.found_count(document):
             return self._fields.get(interval)
@@ -101,14 +107,17 @@ class SequenceMatch:
         return self._of_result.get((result,), fields)[interval]
 
     def motion_share(self, document: SequenceDocument, interval: int) -> float:
-        """Return an interval's share of `abfm.Sequence.motion_shares`; 1 during a run."""
+        """Return an interval's share in `abfm.Sequence.motion_shares`; 1 during a run.
+
+        It is the share of motion in interpolated frames, from 0 (a linear blend) to 1.
+        """
         result = document.result
         if result is None or self.found_count(document):
             return 1.0
         return float(result.motion_shares[interval])
 
     def speeds(self, document: SequenceDocument) -> FloatArray:
-        """Return the root mean square speed of each interval, (T - 1,); NaN if unknown."""
+        """Return the root mean square speed of each interval's field, (T - 1,); NaN without one."""
         sequence = document.sequence
         fields = [self.field(document, interval) for interval in range(sequence.intervals)]
 

@@ -1,4 +1,4 @@
-"""The session: a document and all that is computed for it, updated once per frame."""
+"""The session of a window: a document, and all that is computed for it before each drawing."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ from abfm_viewer.session.work import MatchRun, MatchWork, PairWork, SequenceWork
 
 
 class Session(Parts):
-    """A document, its history, and the computations for it, independent of the window.
+    """A document, its history for undo, and the computations for it, without any drawing.
 
-    ``name`` is that of the mesh's file. With ``at_once``, the caller's thread computes every
-    request immediately. Off-screen pictures need this, because they have no frame loop.
+    ``name`` is the name of the mesh's file. With ``at_once``, requests are computed immediately in
+    the thread of the caller. Off-screen pictures need this, because they are drawn only once.
     """
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
@@ -85,7 +85,7 @@ class Session(Parts):
 
     @property
     def time(self) -> float:
-        """Shown time, relative to the start of the shown flow."""
+        """Shown time, relative to the start of the shown flow (of the interval, in a sequence)."""
         return self.document.flow_time
 
     def set_time(self, time: float) -> None:
@@ -93,7 +93,7 @@ class Session(Parts):
         self.editor.set_time(time)
 
     def show_step(self, step: int) -> None:
-        """Show another step of the result's path, and cancel a search within a bound."""
+        """Show another step of the continuation, and cancel a search for less distortion."""
         self.bound.stop()
         self.steps.show(step)
 
@@ -102,12 +102,15 @@ class Session(Parts):
         self.bound.start()
 
     def _stop_changes(self) -> None:
-        """Cancel requests that would replace the result: path steps and bounds of distortion."""
+        """Cancel requests that would replace the result: for a step, or for less distortion."""
         self.steps.stop()
         self.bound.stop()
 
     def undo(self) -> None:
-        """Undo the last step and stop playing; a run continues."""
+        """Undo the last change and stop playback; a run of the solver continues.
+
+        If this would close the document of the run, show an error instead.
+        """
         self._step(self.editor.undo, self.editor.past)
 
     def redo(self) -> None:
@@ -131,10 +134,10 @@ class Session(Parts):
         self.notices.show(" ".join(mesh.messages))
 
     def set_surfaces(self, *surfaces: Surface) -> None:
-        """Show one surface, or two that are registered, A to B.
+        """Show a document with one surface, or with two that are registered, A to B.
 
-        If the first surface is the current one, the document keeps its first source, labels and
-        landmarks on it, parameters and view.
+        If the first surface is the same as before, the new document keeps parameters, view, and the
+        first source. It also keeps the labels and landmarks on that surface.
         """
         fresh = document_on(surfaces, view=self.view.preferences)
         if surfaces[0].mesh is self.surface("source").mesh:
@@ -157,10 +160,11 @@ class Session(Parts):
         origin: Origin | None,
         saved: bool = True,
     ) -> None:
-        """Show an opened document with values of functions from files, and end a run.
+        """Show an opened document; a run of the previous document is cancelled.
 
-        ``known`` are values (V,) by `Document.values_key`, ``origin`` is the project file, which
-        Save overwrites. ``saved`` is False for unsaved changes, as after a crash.
+        ``known`` are the values (V,) of functions from files, by `Document.values_key`. ``origin``
+        is the project file, which Save overwrites. ``saved`` is False if there are unsaved changes,
+        as after a crash.
         """
         for side in SIDES[-len(document.surfaces) :]:
             self.functions.add(document.surface(side).mesh, document.values_on(side, known))
@@ -178,20 +182,23 @@ class Session(Parts):
         self.saves.record(document, origin, saved=saved)
 
     def reset_history(self) -> None:
-        """Clear the history, so that the current document is its beginning."""
+        """Clear undo and redo, so that the current document is the first one of the history."""
         self.editor.forget_steps()
         self.saves.reset()
 
     def values(self, side: Side) -> FloatArray | None:
-        """Return the active source or target on its surface, (V,); None if unknown.
+        """Return the active channel's source or target, (V,), on its own surface; None if unknown.
 
-        The functions of a sequence are the frames before and after the shown time.
+        For a sequence, source and target are the frames before and after the shown time.
         """
         return self.work.values(side)
 
     @property
     def busy(self) -> str:
-        """Description of background computations other than a run, with the time if known."""
+        """Description of the background computation in progress, except a run; empty without one.
+
+        It includes the remaining or elapsed time, if known.
+        """
         if self.loading.now:
             return progress_text("opening", self.loading.step)
         busy = self.work.busy or self.bound.busy
@@ -215,15 +222,19 @@ class Session(Parts):
         return self._run.snapshot
 
     def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
-        """Place a point at a clicked position; a point on A is placed at its image on B."""
+        """Add a start point of a flow line ("lines") or a point that follows the flow ("points").
+
+        ``point`` is where the user clicked on the surface of ``slot``. A point on surface A is
+        placed at its image on B.
+        """
         if (placed := self.work.on_flow(slot, point)) is not None:
             self.editor.add_point(kind, placed)
 
     def match(self, from_current_field: bool | None = None) -> None:
-        """Start a run unless one is running; if none can start, show the reason.
+        """Start a run of the solver, unless one is running; if it cannot start, show the reason.
 
-        A run starts from the current field or from zero, by default as the switch "from the current
-        field" decides.
+        If ``from_current_field`` is true, the run starts from the field of the result, otherwise
+        from zero. None means the setting of the switch "from the current field".
         """
         if self.solver.running:
             return
@@ -242,15 +253,15 @@ class Session(Parts):
         self.work.start(from_current_field)
 
     def recover_sequence(self) -> None:
-        """Show the fields of an earlier run of the sequence, unless a run is in progress."""
+        """Show the fields that an earlier run of the sequence stored, unless a run is active."""
         if not self.solver.running:
             self._sequence_document.recover()
 
     def remedy(self, remedy: abfm.matching.Remedy) -> None:
-        """Apply a remedy of a verdict: change the parameters, and start a run.
+        """Apply a remedy that a verdict suggests: change parameters of the match, and start a run.
 
-        The change and the result are one step of undo. If other parameters of the document do not
-        allow the change, a `ParameterError` is raised.
+        The change and the result are one step of undo. If the changed parameters are not allowed
+        together with the others, a `ParameterError` is raised.
         """
         may_start = not (self.solver.running or self.obstacle or self.loading.replacing)
         if may_start:
@@ -260,7 +271,7 @@ class Session(Parts):
             self._run.remedy_action = self.editor.action_count
 
     def switch_flow_after_match(self) -> None:
-        """Switch showing the flow after matches on or off; off also hides the current flow."""
+        """Switch showing the flow after matches on or off; off also hides the shown flow."""
         if self.view.flow_after_match:
             self.player.playing = False
             label = "hide the flow after matches"
@@ -270,7 +281,7 @@ class Session(Parts):
             self.editor.set_view("show the flow after matches", flow_after_match=True)
 
     def update(self) -> None:
-        """Update all parts and collect results. Call once per frame, before drawing."""
+        """Collect background results and update all parts; called before each drawing."""
         now = clock.perf_counter()
         elapsed, self._last_update = now - self._last_update, now
         self.loading.update()
@@ -287,7 +298,7 @@ class Session(Parts):
         self._release_unused()
 
     def _release_unused(self) -> None:
-        """Free memory that undo, unsaved documents and an ending run do not need."""
+        """Free meshes that neither the history, unsaved documents, nor a run need."""
         run = self._run.document if self.matching.running else self.document
         now = (self.document.identity, run.identity, self.editor.action_count)
         if now == self._needed:
@@ -300,9 +311,10 @@ class Session(Parts):
         self.functions.release_unused(in_use, retained)
 
     def rescaled_channels(self) -> tuple[Channel, ...]:
-        """Return the channels with each source scaled to the range of its target.
+        """Return the channels with each source scaled and shifted to the range of its target.
 
-        Ranges are measured where the mask is above 0. Sources that cannot be scaled stay the same.
+        The range of a target is measured where the mask is above 0. Sources that cannot be scaled
+        stay the same.
         """
         document = self.document
         assert isinstance(document, MatchDocument)

@@ -1,4 +1,4 @@
-"""Opening and saving of a session's files in the background."""
+"""Opening and saving of the files of a session in the background, with questions to the user."""
 
 from __future__ import annotations
 
@@ -82,11 +82,11 @@ def open_session(
     second: Path | None = None,
     array: str | None = None,
 ) -> Session:
-    """Open a session with a mesh, project or result that is read immediately.
+    """Return a session with a mesh, project or result, which is read before the function returns.
 
-    ``second`` is a mesh, to which the first one is registered, or frames on the mesh. ``array`` is
-    the name of the array with the frames, for files with several arrays. Raises `AbfmError` if a
-    file cannot be read.
+    ``second`` is the file of a second mesh, to which the first one is registered, or of frames on
+    the mesh. If that file has several arrays, ``array`` names the one with the frames. A file that
+    cannot be read raises an `AbfmError`.
     """
     contents = contents_of(path)
     if contents is Contents.FRAMES:
@@ -133,7 +133,7 @@ def _absolute(path: Path) -> Path:
 
 
 def find_first(path: Path) -> FoundTable | None:
-    """Read a table and its worst row; None if the path is not a table."""
+    """Read a table of results and the document of its worst row; None if there is no table."""
     path = _absolute(path)
     place = place_of(path)
     if path.name.lower().endswith(RESULT) and contents_of(path) is Contents.TABLE:
@@ -146,7 +146,11 @@ def _origin(path: Path) -> Origin | None:
 
 
 class SessionFiles:
-    """Opens and saves the files of a session; recent files are stored in the folder `state`."""
+    """Opens and saves the files of a session.
+
+    ``state`` is the folder that stores the list of recent files; None stores nothing.
+    ``open_question`` shows a question with buttons in the window.
+    """
 
     def __init__(
         self, session: Session, state: StateFolder | None, open_question: OpenQuestion
@@ -175,7 +179,7 @@ class SessionFiles:
         return bool(self._writing)
 
     def open(self, path: Path) -> None:
-        """Open a file in the background; the current document stays in the history."""
+        """Open a file or folder in the background; Undo returns to the document before it."""
         path = _absolute(path)
         if is_named_as_frames(path):
             self.open_frames(path)
@@ -194,7 +198,10 @@ class SessionFiles:
         self._load(Load(f"opening {path.name}", read, other, source))
 
     def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Action:
-        """Read a file according to its contents, and return an action that shows it."""
+        """Read a file according to its contents, and return a function that shows it.
+
+        A mesh is shown by ``show_mesh``, by default as the only surface.
+        """
         readers: dict[Contents, Callable[[Path], Action]] = {
             Contents.TABLE: self._read_table,
             Contents.FRAMES: self._read_frames,
@@ -214,13 +221,16 @@ class SessionFiles:
         return show
 
     def open_second(self, path: Path) -> None:
-        """Open a mesh in the background as surface B, to which the current A is registered."""
+        """Open a mesh in the background as surface B; the current surface is registered to it."""
         path = _absolute(path)
         read, source = partial(self._read, path, self._show_second), (Origin.of(path), "second")
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open frames on the current mesh, or on A; ``array`` names one of several in the file."""
+        """Open a sequence of frames on the current mesh (on A if there are two), in the background.
+
+        If the file has several arrays, ``array`` names the one to open; None lets the user choose.
+        """
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)
@@ -251,7 +261,10 @@ class SessionFiles:
         self._open_question("Which array?", text, answers | {"Open none": None})
 
     def set_circular(self, document: SequenceDocument, period: float | None) -> None:
-        """Compare phases of the current sequence by cosine and sine; by values without a period."""
+        """Replace a sequence of phases by cosine and sine of a period, in the background.
+
+        If ``period`` is None, restore the phases. In both cases the result is removed.
+        """
         sequence = document.sequence
 
         def show(made: FrameSequence) -> None:
@@ -281,7 +294,7 @@ class SessionFiles:
         self._load(Load(f"opening {mesh.name} and {second.name}", read, OTHER_MESH, source))
 
     def open_labels(self, path: Path) -> None:
-        """Use the labels of a file on the source's surface."""
+        """Read labels of the vertices from a file, and show them on the surface of the source."""
         session, mesh = self._session, self._session.surface("source").mesh
         with session.notices.showing_errors():
             # the first column; the window offers no choice of another one
@@ -291,7 +304,11 @@ class SessionFiles:
             session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def open_dropped(self, paths: list[Path]) -> None:
-        """Open dropped files: two meshes as A and B, a mesh with frames, or the first file."""
+        """Open files that were dropped on the window.
+
+        Two meshes become surfaces A and B, and a mesh and frames become a sequence. Otherwise only
+        the first file is opened.
+        """
         kinds = list(map(contents_of, paths)) if len(paths) == 2 else []
         if sorted(kinds) == [Contents.FRAMES, Contents.MESH]:
             mesh, frames = sorted(paths, key=lambda path: contents_of(path) is Contents.FRAMES)
@@ -317,7 +334,11 @@ class SessionFiles:
         self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
 
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
-        """Open a table that is computed in the background, in a folder that is reused later."""
+        """Compute a table of results in the background by ``make(folder)``, and open it.
+
+        The folder is the same for every call with this version, so that ``make`` can use earlier
+        results.
+        """
         from importlib.metadata import version  # slow to load
 
         root = self.state.path if self.state else Path(tempfile.mkdtemp())
@@ -332,13 +353,17 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
-        """Perform a load when nothing prevents it; if that fails, offer to try again."""
+        """Execute a request to read a file when nothing prevents it; on failure, offer a retry."""
         remedies = {"Try again": partial(self._load, load)} | self._action(load.other)
         begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
         self.when_free(load.what, begin)
 
     def when_free(self, what: str, do: Action) -> None:
-        """Perform an action that replaces the document; a run is ended only if the user agrees."""
+        """Perform an action that replaces the document, after a question if a task is in progress.
+
+        The task is a run of the solver or a long load. If the user does not agree to end it, the
+        action is dropped. ``what`` describes the action in the question.
+        """
         now = self._session.loading.now
         if now is not None and now.takes_long:
             self._confirm_cancelling(now, what, do)
@@ -373,7 +398,10 @@ class SessionFiles:
         self._open_question("Cancel the current task?", text, answers, instead)
 
     def _do_after_run(self, what: str, do: Action) -> None:
-        """Perform an action after a run ended; if its result is unsaved, first show a question."""
+        """Perform an action that replaces the document after a run.
+
+        If the document has unsaved changes, the user must first confirm this.
+        """
         if not self._session.saves.unsaved:
             do()
             return
@@ -393,7 +421,10 @@ class SessionFiles:
     def save(
         self, path: Path, then: Action | None = None, document: Document | None = None
     ) -> None:
-        """Write the current or another document in the background; then perform an action."""
+        """Write a document as a project file in the background, by default the current document.
+
+        If this succeeds, ``then`` is called.
+        """
         session, notices = self._session, self._session.notices
         document = document or session.document
         functions = session.functions.of_document(document)
@@ -430,7 +461,7 @@ class SessionFiles:
         self._writing[-1][2].append(then)
 
     def update(self) -> None:
-        """Finish saves and requests that waited for the end of a run. Call once per frame."""
+        """Finish saves, and start requests that waited for a run; called before each drawing."""
         self.tables.update()
         if self.waiting is not None and not self._session.solver.running:
             waiting, self.waiting = self.waiting, None
@@ -444,9 +475,10 @@ class SessionFiles:
         self._writer.shutdown()
 
     def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Action:
-        """Read a mesh, and compute the properties that the frame loop needs.
+        """Read a mesh, compute the properties that drawing needs, and return a function to show it.
 
-        If the mesh has faults that can be repaired, the returned action offers the repairs.
+        If the mesh has faults that can be repaired, the returned function offers the repairs
+        instead.
         """
         try:
             mesh = load_mesh(path, **options)

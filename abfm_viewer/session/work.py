@@ -1,4 +1,4 @@
-"""Computations and runs of a session for each kind of document."""
+"""Computations of a session for its document: a match, a pair of surfaces, or a sequence."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ _STREAK_FACES_MAX = 50_000  # larger meshes get no streaks after a match, which 
 
 
 class MatchRun:
-    """Runs of matches, and the changes of the document by their results.
+    """Starts runs of the solver for a match, and enters their results in the document.
 
-    When a run ends, the user may have opened another document.
+    The user may open another document during the run. The result then counts as an unsaved
+    document.
     """
 
     def __init__(self, parts: Parts, start: Start) -> None:
@@ -92,11 +93,11 @@ class MatchRun:
             parts.player.play_once()
 
     def _view_of_flow(self, match: abfm.Match) -> View | None:
-        """Return the view that shows the flow after a match; None if there is nothing to play.
+        """Return the view in which the flow is played after a match; None if it is not played.
 
-        Streaks are added if they can be computed quickly, otherwise arrows. Nothing is added if the
-        view shows the flow already or colours the surface by the field. Later matches of the same
-        document add nothing either, because the user may have hidden the flow.
+        The view shows streaks if they can be drawn quickly, otherwise arrows. Nothing is added if
+        the current view shows the flow already, or colours the surface by the field. Later matches
+        of the same document add nothing either, because the user may have hidden the flow.
         """
         view, document = self._parts.view, self._parts.document
         if not view.flow_after_match or not match.velocity.any():
@@ -110,7 +111,7 @@ class MatchRun:
 
 
 class Work(ABC):
-    """Computations for the current document; defaults for documents without specs of functions."""
+    """Computations for the current document; the defaults are for documents without functions."""
 
     def __init__(self, parts: Parts) -> None:
         self.parts = parts
@@ -126,7 +127,7 @@ class Work(ABC):
     @property
     @abstractmethod
     def progress(self) -> str:
-        """Progress of a run in one line."""
+        """Progress of the current run in one line."""
 
     @property
     def obstacle(self) -> str:
@@ -139,12 +140,12 @@ class Work(ABC):
 
     @property
     def prepared(self) -> PreparedMap | None:
-        """Problem on surface B of two, and the initial map; None until they are computed."""
+        """Initial map and problem of two surfaces; None for one surface, or if not computed."""
         return None
 
     @property
     def expected_facts(self) -> abfm.outcome.Facts | None:
-        """Facts about a match that cannot succeed, before it is solved; None if there are none."""
+        """Facts that show, before solving, that a match cannot succeed; None if it may succeed."""
         return None
 
     @property
@@ -158,39 +159,46 @@ class Work(ABC):
 
     @abstractmethod
     def values(self, side: Side) -> FloatArray | None:
-        """Return the active function of a side on its surface, see `Session.values`."""
+        """Return the active channel's source or target on its surface, (V,); None if unknown."""
 
     def flow_values(self, side: Side) -> FloatArray | None:
-        """Return the active function of a side as it is matched, (V,): on B of two surfaces."""
+        """Return the active channel's source or target as it is matched, (V,); None if unknown.
+
+        With two surfaces, both are on B, and their values may be standardised.
+        """
         return self.values(side)
 
     def error(self, of: Side | Literal["mask"]) -> str:
-        """Return why a side of the active channel, or the mask, has no values; or an empty text."""
+        """Return why the active source or target, or the mask, has no values; empty if it has."""
         return ""
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
-        """Return the image of a slot's point on the surface of the flow; None if unknown."""
+        """Return the position, on the surface of the flow, of a point on the surface of a slot.
+
+        A slot is a picture in the window. The position differs only for points on surface A of two;
+        it is None while the map to B is unknown.
+        """
         return point
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
-        """Return default specs of source and target, None until they are known, and an error."""
+        """Return the specs (texts) of default functions, None if unknown, and an error or ""."""
         return None, ""
 
     @abstractmethod
     def start(self, from_current_field: bool | None) -> None:
-        """Start a run; see `Session.match`."""
+        """Start a run from the current field or from zero, as described in `Session.match`."""
 
     @abstractmethod
     def follow(self) -> None:
-        """Start the computations that the document needs. Call once per frame."""
+        """Start the computations that the document needs now; called before each drawing."""
 
     @abstractmethod
     def next_time(self, elapsed: float) -> float:
-        """Return the time to show after some seconds of playing."""
+        """Return the time to show after playing for ``elapsed`` more seconds."""
 
 
 class MatchWork(Work):
-    """Computations for functions on one surface, and their match."""
+    """Computations for the functions of one surface and for their match."""
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts)
@@ -210,10 +218,10 @@ class MatchWork(Work):
 
     @property
     def outdated(self) -> bool:
-        """Whether the result belongs to another problem; False without a result.
+        """Whether the document's inputs have changed since its result; False without a result.
 
-        While new values of functions are computed, the previous answer stays. For two surfaces, the
-        inputs of the initial map are compared.
+        While values of changed functions are computed, the property keeps its last value. For two
+        surfaces, the inputs of the initial map are compared.
         """
         document, known = self.document, self.parts.functions.values
         if (result := document.result) is None:
@@ -288,7 +296,7 @@ class MatchWork(Work):
 
     @property
     def _unknown(self) -> str:
-        """Name of a function that has no values, and the reason; empty if there is none."""
+        """Text of the first function that cannot be evaluated, and why; empty if there is none."""
         errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
         return next((f"{spec}: {error}" for spec, error in errors if error), "")
 
@@ -315,7 +323,10 @@ class MatchWork(Work):
         return self._expected.newest(spec.mesh, _expected_facts, *given)
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
-        """Return default specs; two surfaces get the default source of each."""
+        """Return specs of the default source and target, None until known, and an error or "".
+
+        On two surfaces, source and target are the default source of each surface.
+        """
         evaluating = self._evaluating
         meshes = tuple(functions.mesh for functions in evaluating)
 
@@ -339,7 +350,10 @@ class MatchWork(Work):
         self._run.start(self.problem, parts.functions.of_document(self.document), field)
 
     def take_usual_parameters(self) -> None:
-        """Set the parameters suggested for the functions, unless the user changed some."""
+        """Set the parameters that suit the functions, unless the user changed parameters.
+
+        Only documents of two surfaces have such parameters.
+        """
 
     def follow(self) -> None:
         parts = self.parts
@@ -361,7 +375,7 @@ class MatchWork(Work):
 
 
 class PairWork(MatchWork):
-    """Computations for two surfaces, with the initial map from A to B."""
+    """Computations for a match of two surfaces, including the initial map from A to B."""
 
     def __init__(self, parts: Parts, run: MatchRun) -> None:
         super().__init__(parts, run)
@@ -379,10 +393,10 @@ class PairWork(MatchWork):
 
     @property
     def facts(self) -> abfm.outcome.Facts | None:
-        """Facts of the registration.
+        """Facts of the registration of A to B; None without a result.
 
-        Until the map from A to B is measured, these are the facts of the match on B, marked as
-        incomplete.
+        Until the complete map from A to B is measured, these are the facts of the match on B,
+        marked as incomplete.
         """
         result, found = self.document.result, self.document.complete_result
         if result is None or found is None or found is result:
@@ -438,7 +452,7 @@ class PairWork(MatchWork):
 
 
 class SequenceWork(Work):
-    """Computations for a sequence, all of whose intervals are matched in one run."""
+    """Computations for a sequence of frames, whose intervals are all matched in one run."""
 
     def __init__(self, parts: Parts, start: Start) -> None:
         super().__init__(parts)
@@ -463,7 +477,7 @@ class SequenceWork(Work):
         self.parts.sequence_match.start(self.document, partial(self._take, False))
 
     def recover(self) -> None:
-        """Show the fields of an earlier run's checkpoint, without solving."""
+        """Show the fields that an earlier run stored in its checkpoint, without solving."""
         then = partial(self._take, True)
         self.parts.sequence_match.start(self.document, then, resumes_only=True)
 

@@ -1,4 +1,8 @@
-"""Everything that pictures show: advected functions, fields, arrows, streaks and comparisons."""
+"""Data for drawing a document: advected functions, fields, arrows, streaks and comparisons.
+
+A slot is one of the pictures side by side. Each shows a surface, such as "source", "advected" or
+"target". The shown time is that of the time bar.
+"""
 
 import lazy_loader
 

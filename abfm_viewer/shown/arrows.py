@@ -1,9 +1,9 @@
 """Arrows of a field on a surface, evenly spaced and without overlaps.
 
-The places of the arrows do not depend on the field. An arrow is not longer than the distance of
-neighbouring places, so it stays in its own disc. A point of view selects places with visible discs;
-clearly visible places stay the same while the surface turns. All lengths are in square roots of the
-surface's area.
+The positions of the arrows do not depend on the field. An arrow is not longer than the distance
+between neighbouring positions, so arrows do not touch. Positions where a disc is visible from the
+viewpoint are preferred; clearly visible ones stay the same while the surface turns. All lengths are
+in units of sqrt(area), the square root of the surface's area.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _DIRECTIONS = 8  # in which the visibility of a disc is tested
 
 @dataclass(frozen=True)
 class ArrowStyle:
-    """Length of the longest arrow, spacing of the middles, and speed of the longest arrow."""
+    """Length and speed of the longest arrow, and the spacing of the arrows' middles."""
 
     length: float
     spacing: float
@@ -63,9 +63,10 @@ class ArrowStyle:
 
 
 def arrow_spacing(density: float, scale: float) -> float:
-    """Return the spacing of arrows at a density from 0 to 1, hardly changing in pixels.
+    """Return the spacing of arrows, in sqrt(area), for a density from 0 (sparse) to 1 (dense).
 
-    ``scale`` is the number of pixels of a unit length.
+    The spacing in pixels hardly changes while the user zooms. ``scale`` is the number of pixels per
+    sqrt(area).
     """
     pixels = _SPARSE_PIXELS * (_DENSE_PIXELS / _SPARSE_PIXELS) ** min(max(density, 0.0), 1.0)
     level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
@@ -74,7 +75,10 @@ def arrow_spacing(density: float, scale: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Arrows:
-    """Straight arrows on a surface, and the triangles that draw them; A is their number."""
+    """Straight arrows on a surface, and the triangles that draw them.
+
+    A is the number of arrows, M the number of vertices of each arrow, and T that of all triangles.
+    """
 
     mesh: TriangleMesh
     style: ArrowStyle
@@ -87,16 +91,17 @@ class Arrows:
     opacities: FloatArray  # (A,), from 0 to 1
 
     def facing(self, eye: Eye) -> FloatArray:
-        """Return the least cosine between normal and line of sight of each arrow, (A,).
+        """Return how much each arrow faces the viewer, (A,), as a cosine.
 
-        The cosine is negative where an arrow faces away. Surfaces with boundary are seen from both
+        It is the smallest cosine, over the arrow's vertices, between normal and line of sight; a
+        negative one means that the arrow faces away. Surfaces with boundary are visible from both
         sides.
         """
         cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
         return np.asarray((cosines * self._sides(eye)).min(axis=1))
 
     def hidden(self, eye: Eye) -> BoolArray:
-        """Return which arrows are hidden, at least partly, by the surface, (A,)."""
+        """Return a mask (A,) of the arrows that the surface hides, completely or in part."""
         cosines = self.facing(eye)
         hidden = cosines <= _VIEW_COSINE_MIN
         places = self._lifted(eye)[~hidden]
@@ -110,7 +115,8 @@ class Arrows:
     def seen(self, eye: Eye, hidden: BoolArray | None = None) -> FloatArray:
         """Return the vertices to draw, (A M, 3).
 
-        Arrows at an outline and ``hidden`` arrows (A,) are collapsed to points.
+        Arrows that face away from the viewer, and arrows of the mask ``hidden`` (A,), shrink to
+        points and so are invisible.
         """
         is_invisible = self.facing(eye) <= _VIEW_COSINE_MIN
         if hidden is not None:
@@ -119,12 +125,15 @@ class Arrows:
         return np.where(is_invisible[:, None, None], points, self._lifted(eye)).reshape(-1, 3)
 
     def _lifted(self, eye: Eye) -> FloatArray:
-        """Return the vertices (A, M, 3) raised above the surface, on the visible side."""
+        """Return the vertices (A, M, 3), raised above the side of the surface that is visible."""
         above = self.heights[:, None] * self.normals
         return np.asarray(self.vertices + self._sides(eye)[..., None] * above)
 
     def _sides(self, eye: Eye) -> FloatArray:
-        """Return 1 where the front is visible, -1 where the back of an open surface is, (A, 1)."""
+        """Return the visible side at each arrow, (A, 1): 1 for the front, -1 for the back.
+
+        Closed surfaces are seen only from the front.
+        """
         if self.mesh.is_closed:
             return np.ones((len(self.spines), 1))
         cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
@@ -138,11 +147,11 @@ def arrows_of(
     eye: Eye | None = None,
     determined: FloatArray | None = None,
 ) -> Arrows:
-    """Return the arrows of a field (F, 3) at `places`.
+    """Return the arrows of a field (F, 3) at evenly spaced positions, see `places`.
 
-    The length of an arrow is proportional to the speed, up to the fast speed. Much slower places
-    have no arrow. ``determined`` (F,), from 0 to 1, is how well the data determine the field. It is
-    the opacity of the arrows; places where it is small have no arrow.
+    The length of an arrow is proportional to the speed, up to the style's fast speed; much slower
+    positions have no arrow. ``determined`` (F,), from 0 to 1, is how well the data determine the
+    field. It is the opacity of the arrows; positions where it is small have no arrow.
     """
     speed = np.linalg.norm(velocity, axis=1)
     fast = style.fast or abfm.calculus.fast_speed(mesh, speed)
@@ -161,7 +170,10 @@ def arrows_of(
 
 
 def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.maps.SurfacePoints:
-    """Return points that cover the surface, at least a spacing apart; visible ones are first."""
+    """Return points that cover the surface, at least ``spacing`` apart, in units of sqrt(area).
+
+    Points whose neighbourhood is visible from the viewpoint ``eye`` are chosen first.
+    """
     spread = abfm.maps.spread_points(mesh)
     if eye is None:
         return spread.with_spacing(spacing)
@@ -174,9 +186,10 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
 
 
 def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArray:
-    """Return the number of directions in which the disc about each point (P,) is visible, (P,).
+    """Return how visible the disc of a radius about each point (P,) is, as integers (P,).
 
-    The middle of the disc counts as one more direction; if it is not visible, the number is 0.
+    If the point itself is visible, this is 1 plus the number of visible points on the circle around
+    it; otherwise 0.
     """
     mesh, count = points.mesh, len(points.faces)
     frames = abfm.calculus.face_frames(mesh)[points.faces]
@@ -207,12 +220,12 @@ def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArra
 
 
 def _slack(spacing: float) -> float:
-    """Return the depth in front of a place within which the surface does not hide it."""
+    """Return how far a surface may lie in front of an arrow without hiding it, in sqrt(area)."""
     return min(_DEPTH_SHARE * spacing, _DEPTH_MAX)
 
 
 def _is_flat(normals: FloatArray) -> BoolArray:
-    """Return which normals (A, M, 3) hardly turn from the first one of their row, (A, M)."""
+    """Return a mask (A, M) of the normals (A, M, 3) that hardly turn from the first of a row."""
     return np.asarray((normals * normals[:, :1]).sum(axis=2) > _TURN_COSINE_MIN)
 
 
@@ -223,9 +236,10 @@ def _laid_out(
     style: ArrowStyle,
     opacities: FloatArray,
 ) -> Arrows:
-    """Return arrows on the surface, without those that leave it or bend too much.
+    """Lay straight arrows on the surface; omit those that cross its boundary or bend too much.
 
-    ``points`` (A,) are the middles and ``along`` (A, 3) the directions.
+    ``points`` (A,) are the middles of the arrows, ``along`` (A, 3) their directions, and
+    ``lengths`` and ``opacities`` have shape (A,).
     """
     mesh = points.mesh
     scale, normals = mesh.length_scale, abfm.calculus.face_normals(mesh)[points.faces]
@@ -266,8 +280,8 @@ def _glyphs(
 ) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
     """Return arrows of lengths (A,) in the plane, centred at 0 and pointing along x.
 
-    An arrow lies above a larger one, its rim. The result is vertices (A, M, 2), heights (M,), faces
-    (T, 3), and whether a face belongs to a rim (T,).
+    Each arrow lies above a larger arrow, which forms its rim. The result is vertices (A, M, 2),
+    their heights above the surface (M,), faces (T, 3), and a mask (T,) of the rims' faces.
     """
     length = lengths[:, None]
     size = spacing * np.clip(np.sqrt(length / (_LENGTH_MAX * spacing)), _WIDTH_SHARE_MIN, 1)
@@ -305,6 +319,6 @@ def _glyphs(
 
 
 def _strip(nodes: int) -> IntArray:
-    """Return the counterclockwise faces of a strip of nodes with three vertices each."""
+    """Return the counterclockwise faces of a strip of ``nodes`` rows of three vertices."""
     corner = (3 * np.arange(nodes - 1)[:, None] + np.arange(2)).reshape(-1, 1)
     return np.concatenate([corner + np.array([0, 3, 1]), corner + np.array([1, 3, 4])])

@@ -1,4 +1,4 @@
-"""Points of view, and the parts of a surface that are hidden from them."""
+"""Viewpoints, and the parts of a surface that are hidden from them."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ _PIXELS = 1024  # along the longer side of a depth map
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A point of view, in units of the square root of a surface's area."""
+    """A viewpoint: position and axes of the viewer, in units of sqrt(area) of the surface."""
 
     axes: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
     place: FloatArray | None = None  # (3,) of a perspective; None for a parallel projection
 
     def towards(self, places: FloatArray) -> FloatArray:
-        """Return unit vectors from places (..., 3) towards the eye."""
+        """Return unit vectors from points (..., 3) towards the viewer."""
         if self.place is None:
             return np.asarray(np.broadcast_to(self.axes[2], places.shape))
         away = self.place - places
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
     def projected(self, places: FloatArray) -> FloatArray:
-        """Return the positions of places (P, 3) in the picture, and their depths, (P, 3).
+        """Return the two picture coordinates of points (P, 3), and their depths, as (P, 3).
 
-        The depth is linear in the picture and larger for nearer places.
+        The depth varies linearly over the picture of a plane, and is larger for nearer points.
         """
         if self.place is None:
             return np.asarray(places @ self.axes.T)
@@ -37,7 +37,10 @@ class Eye:
         return np.asarray(np.stack([right, up, np.ones(len(places))], axis=1) / -near[:, None])
 
     def before(self, nearest: FloatArray, depths: FloatArray) -> FloatArray:
-        """Return the distances, along the line of sight, from depths (P,) to nearer ones (P,)."""
+        """Return distances (P,), along the line of sight, between points of two depths (P,).
+
+        ``nearest`` are the depths of points in front, and ``depths`` those of points behind them.
+        """
         return np.asarray(nearest - depths if self.place is None else 1 / depths - 1 / nearest)
 
     def hides(
@@ -47,11 +50,11 @@ class Eye:
         cosines: FloatArray,
         slack: float,
     ) -> BoolArray:
-        """Return which places (P, 3) are hidden by a surface, (P,).
+        """Return a mask (P,) of the points ``places`` (P, 3) that a surface hides from the viewer.
 
-        ``surface`` is a pair of vertices (V, 3) and faces. It hides a place if it is more than
-        ``slack`` in front of it. ``cosines`` (P,), positive, are those between the normal of the
-        surface at the places and the line of sight.
+        ``surface`` is a pair of vertices (V, 3) and faces (F, 3). It hides a point if it lies more
+        than ``slack`` in front of the point. ``cosines`` (P,), all positive, are those of the
+        angles between the surface's normal at the points and the line of sight.
         """
         vertices, faces = surface
         seen = self.projected(vertices)

@@ -1,4 +1,4 @@
-"""The state of a flow that is shown: its field, mesh, parameters and extent in time."""
+"""The flow that is shown: its field, mesh, parameters and range of times."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _SEQUENCE_LINE = 0.5  # length of flow lines of sequences, in sqrt(area)
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field and the data that its flow needs; states are equal only if they are one object.
+    """A field and the data of its flow; two states are equal only if they are the same object.
 
-    ``field`` is (N, 4^k F, 3) on the mesh subdivided k times, or (F, 3) for an interval of a
-    sequence. It may also be a slow function that reads the field.
+    ``field`` has shape (N, 4^k F, 3) for N consecutive fields on the mesh subdivided k times. It is
+    (F, 3) for an interval of a sequence. It may also be a slow function that returns the field.
     """
 
     mesh: TriangleMesh
@@ -43,7 +43,7 @@ class FlowState:
 
     @cached_property
     def flow(self) -> abfm.Flow:
-        """The flow; reading it may be slow, so the frame loop must not use it."""
+        """The flow of the field; reading it may be slow, so drawing code must not read it."""
         field = self.field() if callable(self.field) else self.field
         return abfm.Flow(self.mesh, field, self.parameters.tau, self.parameters.paper.method)
 
@@ -54,10 +54,10 @@ class FlowState:
 
     @property
     def line_time(self) -> float:
-        """Duration of flow lines in each direction: tau for a match.
+        """Duration of flow lines in each direction, in the flow's unit of time; tau for a match.
 
-        Intervals of a sequence are short. Its flow lines last until a point of root mean square
-        speed has moved by half of sqrt(area).
+        The intervals of a sequence are too short for this. There, a flow line lasts until a point
+        at the root mean square speed has moved by half of sqrt(area).
         """
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau
@@ -66,28 +66,32 @@ class FlowState:
 
     @property
     def velocity(self) -> FloatArray:
-        """The fields (N, F, 3) on the mesh itself; like `flow`, not for the frame loop."""
+        """The fields on the mesh itself, (N, F, 3). Reading them may be slow, see `flow`."""
         return self.flow.velocity
 
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return where the points that reach the vertices at ``times`` (T,) start at time 0.
+        """Return the start, at time 0, of the points that are at the vertices at ``times`` (T,).
 
-        The result (T, V, 3) lies on A if two surfaces are registered. Only the shape of ``places``
-        (V, 3) is used.
+        The result (T, V, 3) consists of positions on A if two surfaces are registered. ``places``
+        (V, 3) is used only for its shape.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return where points that start at the vertices are at ``times`` (T,): (T, V, 3)."""
+        """Return the positions (T, V, 3) at ``times`` (T,) of points that start at the vertices.
+
+        ``places`` (V, 3) is used only for its shape.
+        """
         found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
         return np.array(found).reshape(len(times), *places.shape)
 
     def advect(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """Return a function (V,) or (V, C), advected along the flow to times (T,), (T, V, C).
+        """Return a function (V,) or (V, C) advected along the flow to ``times`` (T,).
 
-        Raises `abfm.AdvectionError` if the values overflow.
+        The result has shape (T, V) or (T, V, C). Values that overflow raise an
+        `abfm.AdvectionError`.
         """
         advected = self._advected(function, times)
         if np.abs(advected).max() > _VALUE_MAX:
@@ -97,7 +101,7 @@ class FlowState:
         return advected
 
     def _advected(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect a function; a source of the problem is advected on the mesh of the match."""
+        """Advect a function; on the finer mesh of the match if the function is its source."""
         flow = self.flow
         channels = () if self.problem is None or not flow.refined else self.problem.source.T
         for channel, source in enumerate(channels):

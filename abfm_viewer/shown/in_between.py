@@ -1,4 +1,7 @@
-"""Interpolation between two frames of a sequence along the field of their interval."""
+"""Interpolation between consecutive frames of a sequence, along the field of their interval.
+
+A frame is one image of a sequence: a function on the surface at one time.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ Frames = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 def blended(frames: Frames, place: float) -> FloatArray:
-    """Return the linear interpolation at a place from 0 to T - 1, (V,)."""
+    """Return the frames (T, V) linearly interpolated at an index from 0 to T - 1, (V,)."""
     before = min(int(place), len(frames) - 2)
     first, second = frames[before], frames[before + 1]
     return np.asarray(first + np.float32(place - before) * (second - first))
@@ -30,7 +33,10 @@ def blended(frames: Frames, place: float) -> FloatArray:
 def interpolated(
     flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
 ) -> FloatArray:
-    """Return the function at shares (T,) of the interval, (T, V), as `abfm.Sequence.at` does."""
+    """Return the function between frames ``before`` and ``after`` (V,), as `abfm.Sequence.at` does.
+
+    ``shares`` (T,) are the times, as fractions of the interval; the result is (T, V).
+    """
     return interpolate(flow.flow, before, after, shares, flow.motion)
 
 
@@ -40,7 +46,7 @@ def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:
 
 
 class InBetween:
-    """Values at the shown time; computed intervals are cached, as sequences are often replayed."""
+    """Computes functions between the frames of a sequence, and caches them for replay."""
 
     def __init__(self, jobs: Jobs) -> None:
         self._at_once = jobs.at_once
@@ -53,10 +59,11 @@ class InBetween:
     def at(
         self, flow: FlowState | None, before: FloatArray, after: FloatArray, share: float
     ) -> FloatArray:
-        """Return the function at a share of the interval between two frames, (V,).
+        """Return the function (V,) at a share, from 0 to 1, of the interval between two frames.
 
-        Without a flow, and until the interpolation along the flow is computed, the function is a
-        linear blend of the frames; then `is_behind` is true.
+        It is interpolated along ``flow``. Without a flow, and while the interpolation is computed,
+        it is the linear blend of the frames. `is_behind` is true while the interpolation is
+        computed.
         """
         self.is_behind = False
         if share in (0.0, 1.0):
@@ -74,7 +81,7 @@ class InBetween:
         return self._shown.get(inputs, lambda: (1 - share) * before + share * after)
 
     def prepare(self, flow: FlowState, before: FloatArray, after: FloatArray) -> None:
-        """Compute another interval in advance, unless one is being computed."""
+        """Compute the functions of an interval that is shown later, unless a job is running."""
         if not (self._found.busy or self._at_once):
             self._frames(flow, before, after)
 
@@ -94,7 +101,7 @@ class InBetween:
         return self._cache[key][1] if key in self._cache else None
 
     def _store(self) -> None:
-        """Store the newest frames in the cache, and drop the least recently used ones."""
+        """Move the latest computed interval to the cache; drop the least recently used ones."""
         inputs, value = self._found.key, self._found.value
         if not isinstance(inputs, tuple) or value is None:
             return
@@ -105,5 +112,5 @@ class InBetween:
 
 
 def _cache_key(inputs: tuple[object, ...]) -> tuple[float, ...]:
-    """Return a hashable key of an interval: the identities of its arrays, and its numbers."""
+    """Return a hashable key of an interval: numbers, and the `id` of each array."""
     return tuple(each if isinstance(each, float) else id(each) for each in inputs)

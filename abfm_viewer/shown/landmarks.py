@@ -1,4 +1,4 @@
-"""Landmarks in pictures: placed points, and points moved by the flow."""
+"""Positions of landmarks in pictures: as the user placed them, and moved by the flow."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DEPTH_TOLERANCE = 0.01  # of sqrt(area): a point less far behind a face is not 
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPoints:
-    """Points of landmarks on a surface; P is their number."""
+    """Positions of P landmarks on a surface."""
 
     mesh: TriangleMesh
     numbers: tuple[int, ...]  # of the landmarks, from 0
@@ -40,10 +40,10 @@ class LandmarkPoints:
         return cls(points.mesh, numbers, points.positions, outward(points.mesh) * normals)
 
     def hidden(self, axes: FloatArray) -> BoolArray:
-        """Return which points are hidden by the surface in parallel projection, (P,).
+        """Return a mask (P,) of the points that the surface hides in parallel projection.
 
-        On a closed surface this includes points that face away. The rows of ``axes`` (3, 3) point
-        right, up, and towards the viewer.
+        On a closed surface these include points that face away from the viewer. The rows of
+        ``axes`` (3, 3) point right, up, and towards the viewer.
         """
         mesh, cosines = self.mesh, self.normals @ axes[2]
         cosines = cosines if mesh.is_closed else np.abs(cosines)
@@ -56,14 +56,14 @@ class LandmarkPoints:
 
 @dataclass(frozen=True, eq=False)
 class LandmarkPaths:
-    """The positions of points at times (T,) of a flow."""
+    """Positions of points that move along a flow, at times (T,)."""
 
     times: FloatArray
     points: list[abfm.maps.SurfacePoints]
 
     @classmethod
     def along(cls, flow: FlowState, starts: abfm.maps.SurfacePoints) -> LandmarkPaths:
-        """Follow points to the end of the time bar, along the flow lines that verify a match."""
+        """Follow points to the end of the time bar, on the flow lines that verify a match."""
         lines = abfm.flow.ContinuousFlow(flow.mesh, flow.flow.fine_velocity, flow.parameters.tau)
         times, points = np.linspace(0, flow.duration, _TIMES), [starts]
         for begin, end in pairwise(times.tolist()):
@@ -71,7 +71,7 @@ class LandmarkPaths:
         return cls(times, points)
 
     def at(self, time: float, numbers: tuple[int, ...]) -> LandmarkPoints:
-        """Return the points at a time, linearly interpolated."""
+        """Return the points at a time, linearly interpolated, as landmarks of these numbers."""
         after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1))
         begin, end = self.times[after - 1 : after + 1]
         before, then = (LandmarkPoints.at(self.points[k], numbers) for k in (after - 1, after))
@@ -94,9 +94,10 @@ class ShownLandmarks(Jobs):
     def hidden(
         self, slot: str, side: Side | None, points: LandmarkPoints, axes: FloatArray
     ) -> BoolArray:
-        """Return which points in a slot are hidden, (P,), seen along the axes (3, 3).
+        """Return a mask (P,) of the landmarks in a slot that the surface hides from the viewer.
 
-        Until this is computed for a new view, the result is that of the view before.
+        The rows of ``axes`` (3, 3) point right, up, and towards the viewer. While the mask is
+        computed for a new direction, that of the previous direction is returned.
         """
         same_axes = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
         subject = points.mesh, points.numbers
@@ -104,7 +105,7 @@ class ShownLandmarks(Jobs):
         return np.zeros(len(points.numbers), dtype=bool) if found is None else found
 
     def placed(self, side: Side) -> LandmarkPoints | None:
-        """Return the points that the user placed on the surface of a side; None if none."""
+        """Return the landmarks that were placed on the source's or target's surface, or None."""
         landmarks, mesh = self._session.document.landmarks, self._session.surface(side).mesh
 
         def place() -> LandmarkPoints | None:
@@ -117,7 +118,10 @@ class ShownLandmarks(Jobs):
         return self._placed[side].get((mesh, landmarks), place)
 
     def moved(self) -> LandmarkPoints | None:
-        """Return the source's landmarks, moved to the shown time; None if there are none yet."""
+        """Return the landmarks of the source, moved to the shown time.
+
+        The result is None without landmarks, and before the map between two surfaces is known.
+        """
         landmarks = self._session.document.landmarks
         numbers = tuple(n for n, one in enumerate(landmarks) if one.source is not None)
         if not numbers or (starts := self._on_target(landmarks)) is None:
@@ -132,7 +136,7 @@ class ShownLandmarks(Jobs):
         return self._moved.get((found, time), partial(found.at, time, numbers))
 
     def _on_target(self, landmarks: tuple[Landmark, ...]) -> abfm.maps.SurfacePoints | None:
-        """Return the points of the source on the surface of the target, at time 0."""
+        """Return the source's landmarks on the target's surface, at time 0; None if unknown."""
         document, prepared = self._session.document, self._session.work.prepared
         initial = prepared.initial.correspondence if prepared else None
         if initial is None and document.surface("source") is not document.surface():

@@ -1,4 +1,8 @@
-"""Paints: the values, colour range and title of each surface, without any drawing."""
+"""Paints of the surfaces in pictures.
+
+A paint consists of the values that a surface shows, their colour range, and a title. Nothing is
+drawn here.
+"""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -36,7 +40,7 @@ _SQUARES = 20  # of a checkerboard, across the front view of a mesh
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """The values and colours that a surface shows."""
+    """Values and colours that a surface shows, with the titles of its picture and colour bar."""
 
     kind: PaintKind
     # (V,), (F,), linear colours (V, 3), checkerboard coordinates (V, 2), texture (size, size, 3)
@@ -52,7 +56,7 @@ class Paint:
 
 
 class Painter:
-    """Makes the paints of all surfaces; a paint is the same object until its inputs change."""
+    """Makes the paint of each surface; a paint is the same object until its inputs change."""
 
     def __init__(self, shown: Shown) -> None:
         self.largest_error: float | None = None  # fixes the range of a movie
@@ -62,7 +66,7 @@ class Painter:
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
-        """Return the current paint of a surface; None if it has no values yet."""
+        """Return the paint of a surface, such as "advected"; None if its values are unknown yet."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
         if side and session.work.error(side):
@@ -90,7 +94,11 @@ class Painter:
         return self._by_coloring(advected, colors) or self._advected(advected, colors)
 
     def _before_the_map(self, name: str) -> Paint | None:
-        """Return the paint of two surfaces without an initial map between them."""
+        """Return the paint of a surface before the initial map between surfaces A and B is known.
+
+        Source and target show their functions. Other surfaces have no values if the map failed;
+        while it is computed, the result is None.
+        """
         session = self._session
         source, target = session.values("source"), session.values("target")
         if source is None or target is None:
@@ -104,8 +112,9 @@ class Painter:
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Return the paint of the source or target; None before its values are known.
 
-        The source shows the pattern at time 0 if the view shows a pattern. A function on A is shown
-        in its own unit, even if the functions compared on B have another one.
+        If the view shows a pattern, such as a checkerboard, the source shows the pattern at time 0.
+        A function on A is shown in its own unit, even if the functions compared on B are in another
+        unit.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
@@ -134,7 +143,7 @@ class Painter:
 
     @property
     def _bar(self) -> str:
-        """Title of the colour bar of functions; on B they may be in standard deviations."""
+        """Title of the colour bar of functions, which may be in standard deviations on B."""
         session = self._session
         target = session.work.flow_values("target")
         has_same_unit = target is None or target is session.values("target")
@@ -143,18 +152,18 @@ class Painter:
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
     ) -> Paint:
-        """Return the paint of a function, or of another quantity with its own colour bar."""
+        """Return the paint of values (V,), with a colour bar of title ``bar`` or of functions."""
         bar, unknown = bar or self._bar, None if bar else self._unknown(name)
         make = partial(Paint, "vertex values", values, title, colors, bar, unknown=unknown)
         return self._memos[name].get((values, title, colors, bar, unknown), make)
 
     def _unknown(self, name: str) -> BoolArray | None:
-        """Return where the function of a surface was not measured; None if it was everywhere."""
+        """Return a mask of where the function of a surface was not measured; None if nowhere."""
         inputs, find = self._session.document.missing_values(name, self._session.functions.values)
         return self._unknowns[name].get(inputs, find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
-        """Return the paint of a function on the finer mesh of the match, if the view shows it."""
+        """Return the paint of a function on the finer mesh of a match; None if it is not shown."""
         flow, is_side = self._shown.flow, name in SIDES
         is_function = is_side or (name == "advected" and self._session.view.coloring == "function")
         found = flow.on_finer_mesh(name) if is_function else None
@@ -167,7 +176,7 @@ class Painter:
         return self._memos[name].get((mesh, values, title, colors), make)
 
     def _advected(self, advected: FloatArray, colors: ColorRange) -> Paint:
-        """Return the paint of the advected function, also while another one is computed."""
+        """Return the paint of the advected function; the title notes if a newer one is computed."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
@@ -209,7 +218,7 @@ class Painter:
         return self._function("advected", values, title, self._ranged(-top, top), kind)
 
     def _speed(self, field: Field, title: str) -> Paint:
-        """Return the paint of the speed, in a unit that single precision can show."""
+        """Return the paint of a field's speed, in a unit in which single precision suffices."""
 
         def make() -> Paint:
             values, unit = field.relative_speed()
@@ -236,7 +245,11 @@ class Painter:
         return self._memos["advected"].get((source, title, *self._appearance), make)
 
     def _pattern(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
-        """Return the paint of a pattern of the source's surface at its points (V, 3)."""
+        """Return the paint of a pattern of the source's surface, such as a checkerboard or labels.
+
+        ``coordinates`` (V, 3) are the points of that surface whose colours the vertices show. The
+        result is None if labels are to be shown but are not known.
+        """
         kind, theme = self._session.view.coloring, self._session.view.theme
         if kind == "labels":
             return self._labels(name, title)
@@ -254,7 +267,7 @@ class Painter:
         return self._memos[name].get((coordinates, kind, front, title, theme), make)
 
     def _labels(self, name: str, title: str) -> Paint | None:
-        """Return the paint of labels, moved by the flow except on the source; None if unknown."""
+        """Return the paint of labels, moved by the flow except on source and target; or None."""
         labels, is_moved = self._session.document.labels, name not in SIDES
         if labels is None:
             return None
@@ -280,9 +293,10 @@ class Painter:
         return self._memos["advected"].get((texture, title, colors), make)
 
     def _compared(self, colors: ColorRange) -> Paint | None:
-        """Return the paint of the comparison of a subject with its population, or None.
+        """Return the paint that compares a subject with the other subjects of its population.
 
-        A match or a run of the subject is shown instead of the comparison.
+        The result is None for other documents, and if the subject has a match or a run, which is
+        shown instead.
         """
         session, document = self._session, self._session.document
         compared, active = document.active_comparison, document.active
@@ -344,7 +358,7 @@ class Painter:
         return self._memos["error"].get(inputs, make)
 
     def _extrapolated(self, title: str, is_behind: bool = False) -> str:
-        """Return a title, with a note if the shown time is beyond that of the target."""
+        """Return a title, with notes if the time is after tau, or if new values are computed."""
         tau = self._session.document.tau
         is_beyond = self._session.time > (1 + 1e-9) * tau
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
@@ -369,7 +383,7 @@ def _labelled(title: str, is_behind: bool) -> str:
 
 
 def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
-    """Return a title, with the range of the values if it exceeds that of the colours."""
+    """Return a title with the range of the values, if some are beyond the range of the colours."""
     low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
     slack = _RANGE_TOLERANCE * (colors.high - colors.low)
     is_beyond = low < colors.low - slack or high > colors.high + slack
@@ -377,7 +391,7 @@ def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
 
 
 def _percentile_95(values: FloatArray, weights: FloatArray) -> float:
-    """Return the weighted 95th percentile, which slivers and a few folds do not change."""
+    """Return the 95th percentile by area, which slivers and a few folds do not change."""
     order = np.argsort(values)
     below = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])

@@ -1,4 +1,4 @@
-"""Quantities of the shown flow: its field, streaks, arrows, lines and maps."""
+"""Quantities of the shown flow: fields, streaks, arrows, flow lines and distortion."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _SPEED_MAX = 1e30  # single precision of graphics cards
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A part of the flow's field, or a related field."""
+    """A tangent field to be shown: the flow's field, a part of it, or a related field."""
 
     mesh: TriangleMesh
     velocity: FloatArray  # (F, 3), in the input's units
@@ -53,9 +53,10 @@ class Field:
     fast: float = 0.0  # speed of the longest arrows; 0 for `fast_speed` of this field alone
 
     def relative_speed(self) -> tuple[FloatArray, str]:
-        """Return the speed (F,) and its unit, with sqrt(area) as the unit of length.
+        """Return the speed (F,) and its unit, in which length is measured by sqrt(area).
 
-        The speed of a sequence is in the mesh's unit of length, unless it exceeds single precision.
+        The speed of a sequence is in the mesh's unit of length, unless it is too large for single
+        precision.
         """
         if self.interval_field is not None and self.speed.max() < _SPEED_MAX:
             return self.speed, self.unit
@@ -84,9 +85,11 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
-    """Return the smoothest commuting field (F, 3) and the relative norm of the Lie bracket.
+    """Return the smoothest field (F, 3) that commutes with the shown one, and an error measure.
 
-    Raises `AbfmError` during a run, on large meshes, and if the field is zero.
+    The measure is the relative norm of their Lie bracket, 0 if the flows commute. ``segment`` is
+    the number of the shown field. During a run, on large meshes, and for a zero field, an
+    `AbfmError` is raised.
     """
     if not flow.final:
         raise AbfmError("a commuting field is not computed during a run; wait until it has ended")
@@ -104,7 +107,7 @@ def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
 
 
 def pushed_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
-    """Return the gradient of a function (V,), pushed forward along the flow to a time."""
+    """Return the gradient of a function (V,), pushed forward along the flow from 0 to a time."""
     mesh = flow.mesh
     gradient = (abfm.calculus.gradient(mesh) @ function).reshape(-1, 2)
     pushed = abfm.calculus.to_ambient(mesh, gradient)
@@ -120,7 +123,11 @@ def pushed_gradient(flow: FlowState, function: FloatArray, time: float) -> Field
 def field_arrows(
     field: Field, style: ArrowStyle, eye: Eye, shares: FloatArray | None, interval: int
 ) -> Arrows:
-    """Return the arrows of a field; ``shares`` (intervals, F) are how well it is determined."""
+    """Return the arrows of a field, as seen from a viewpoint.
+
+    ``shares`` (intervals, F), or None, are how well the data determine the fields of a sequence.
+    ``interval`` is the row for this field.
+    """
     determined = None if shares is None else shares[interval]
     return arrows_of(field.mesh, field.velocity, style, eye, determined)
 
@@ -133,7 +140,7 @@ def derivative(field: Field, kind: Coloring) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Streaks of a field as grey textures on an atlas, one for each phase."""
+    """Grey textures of streaks along a field, one for each phase of their movement."""
 
     field: Field
     atlas: abfm.streaks.TextureAtlas
@@ -141,7 +148,7 @@ class Streaks:
     options: tuple[bool, bool] = (False, False)  # whether they fade, and move
 
     def at(self, phase: float) -> NDArray[np.uint8]:
-        """Return the texture (size, size) at a phase from 0 to 1."""
+        """Return the texture (size, size) at a phase from 0 to 1, blended from two phases."""
         place = phase % 1 * len(self.images)
         before, share = int(place), place % 1
         first: NDArray[np.uint8] = self.images[before % len(self.images)]
@@ -154,14 +161,17 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Colours (size, size, 3) in linear light on the atlas of the streaks."""
+    """Colours (size, size, 3), in linear light, of streaks coloured by a function."""
 
     streaks: Streaks
     colors: abfm.streaks.FloatImage
 
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
-    """Return streaks along a field, in textures of ``size`` texels a side; more for many faces."""
+    """Return streaks along a field, as textures of ``size`` texels a side, or more for many faces.
+
+    ``fade`` fades streaks where the field is slow, and ``moving`` makes textures for many phases.
+    """
     needed = int(np.sqrt(_TEXELS_PER_FACE_MIN * len(field.mesh.faces)))
     size = min(max(size, needed), _TEXELS_MAX)
     phases = np.arange(_PHASES) / _PHASES if moving else None
@@ -181,15 +191,16 @@ def colored(
     colors: ColorRange,
     unknown: BoolArray | None,
 ) -> Texture:
-    """Return streaks at a phase, coloured by a function (V,), grey where it is unknown (V,)."""
+    """Return streaks coloured by a function (V,); grey where the mask ``unknown`` (V,) is true."""
     image = streaks.at(phase)
     return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors, unknown))
 
 
 class FieldQuantities(Jobs):
-    """Quantities of the flow of a session, computed in the background.
+    """Quantities of the flow that a session shows, computed in the background.
 
-    While a new value is computed, methods return the last one of the same mesh or field, or None.
+    While a value is computed, methods return the previous value on the same mesh or field; None if
+    there is none.
     """
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
@@ -212,7 +223,7 @@ class FieldQuantities(Jobs):
 
     @property
     def is_behind(self) -> bool:
-        """Whether the view shows the field of an earlier flow."""
+        """Whether the shown field is still that of an earlier flow."""
         view, flow, key = self._session.view, self.flow.state, self._field.key
         shows_field = view.coloring in _FIELD_COLORINGS or view.arrows or view.streaks
         if flow is None or not (shows_field and isinstance(key, tuple)):
@@ -224,7 +235,7 @@ class FieldQuantities(Jobs):
         return self._streaks.busy
 
     def field(self) -> Field | None:
-        """Return the part of the field that the view shows, at the shown time."""
+        """Return the field at the shown time, or its part in the view; None before it is known."""
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part
         if flow is None:
             return None
@@ -241,13 +252,13 @@ class FieldQuantities(Jobs):
         return self._field.newest(flow.mesh, field_part, flow, segment, part)
 
     def scalar(self) -> FloatArray | None:
-        """Return the divergence or the curl of the field, (V,)."""
+        """Return the field's divergence or curl, (V,), as the view selects; None until known."""
         if (field := self.field()) is None:
             return None
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
 
     def arrows(self, field: Field, scale: float, eye: Eye) -> Arrows | None:
-        """Return the arrows of a field for an eye; ``scale`` is pixels per sqrt(area)."""
+        """Return the arrows of a field from a viewpoint, at ``scale`` pixels per sqrt(area)."""
         view = self._session.view
         if (fast := self.fast(field)) is None:
             return self._arrows.value
@@ -256,13 +267,13 @@ class FieldQuantities(Jobs):
         return self._arrows.newest(field.mesh, field_arrows, field, *options)
 
     def _determined_shares(self) -> FloatArray | None:
-        """Return how well the data determine the fields, (intervals, F); None if unknown."""
+        """Return how well frames determine a sequence's fields, (intervals, F); None if unknown."""
         return None
 
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows; None before it is known.
 
-        A speed of 0 stands for `abfm.calculus.fast_speed` of the field alone.
+        The value 0 stands for `abfm.calculus.fast_speed` of this field.
         """
         return field.fast
 
@@ -270,7 +281,10 @@ class FieldQuantities(Jobs):
         return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, eye)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:
-        """Return the quality of the map at the shown time, or an earlier one if the time moves."""
+        """Return the quality of the map from time 0 to the shown time; None before it is known.
+
+        While the time moves, the quality at an earlier time is returned.
+        """
         flow, time = self.flow.state, self.flow.time
         if flow is None:
             return None
@@ -280,7 +294,10 @@ class FieldQuantities(Jobs):
         return self._quality.newest(flow.mesh, lambda *of: flow.flow.map_quality(time), flow, time)
 
     def distortion(self) -> abfm.maps.Distortion | None:
-        """Return the distortion of the map; while the time moves, by the corners of faces only."""
+        """Return the distortion of the map from time 0 to the shown time; None before it is known.
+
+        While the time moves, it is measured quickly: from the corners of the faces alone.
+        """
         flow, quality = self.flow.state, self.map_quality()
         is_exact = self.at_once or (self.flow.settled and not self._quality.busy)
         if flow is None or (is_exact and quality is not None):
@@ -292,7 +309,10 @@ class FieldQuantities(Jobs):
     def texture(
         self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
     ) -> Texture | None:
-        """Return streaks coloured by a function (V,), grey where it is unknown (V,)."""
+        """Return streaks coloured by a function (V,); grey where the mask ``unknown`` (V,) is true.
+
+        The result is None during a run, and before the streaks are computed.
+        """
         field, view = self.field(), self._session.view
         if field is None or self._session.matching.running:
             return None
@@ -305,12 +325,15 @@ class FieldQuantities(Jobs):
         return self._texture.newest(subject, colored, streaks, phase, values, colors, unknown)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return the subject of the texture, for `Latest.newest`, and streaks along a field."""
+        """Return streaks along a field, or None, preceded by a key that identifies their subject.
+
+        As long as the key stays the same, an earlier texture is shown until a new one is computed.
+        """
         size = _TEXELS_OF_PICTURES if self.at_once else TEXELS
         return field, self._streaks.newest(field, convolved, field, size, fade, moving)
 
     def lines(self) -> list[abfm.flow.FlowLine]:
-        """Return the flow lines through the clicked points, backward and forward in time."""
+        """Return the flow lines of the field through the clicked points, in both directions."""
         flow, field, points = self.flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
             return []
@@ -325,7 +348,7 @@ class FieldQuantities(Jobs):
         return self._lines.newest(subject, lambda *_: compute(), field, flow.parameters.tau) or []
 
     def paths(self) -> list[abfm.flow.FlowLine]:
-        """Return the paths of the followed points, to the end of the time bar."""
+        """Return the paths of the points that follow the flow, up to the end of the time bar."""
         flow, points = self.flow.state, self._session.document.points
         if flow is None or not points:
             return []
@@ -340,11 +363,11 @@ class FieldQuantities(Jobs):
 
     @property
     def path_time(self) -> float:
-        """The shown time, in the time of `paths`."""
+        """The shown time, in the unit of time of `paths`."""
         return self.flow.time
 
     def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
-        """Return the start points of paths on the surface of the source, (P, 3)."""
+        """Return the start points of paths, (P, 3), as positions on the surface of the source."""
         prepared = self._session.work.prepared
         if prepared is None:
             return np.array([path.positions[0] for path in paths])
@@ -355,7 +378,7 @@ class FieldQuantities(Jobs):
 
 
 class MassTransport(Latest[FloatArray]):
-    """Optimal transport between source and target at the shown time, at most tau."""
+    """Interpolation between source and target by optimal transport, at the shown time up to tau."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
@@ -363,7 +386,7 @@ class MassTransport(Latest[FloatArray]):
 
     @property
     def note(self) -> str:
-        """A note if transport ignores negative values; empty otherwise."""
+        """Note that optimal transport replaces negative values by 0; empty if there are none."""
         found = [self._session.work.flow_values(side) for side in SIDES]
         known = [values for values in found if values is not None]
         least = min((float(values.min()) for values in known), default=0.0)
@@ -372,7 +395,7 @@ class MassTransport(Latest[FloatArray]):
         return f"optimal transport replaces negative values (down to {least:.3g}) by 0"
 
     def values(self) -> FloatArray | None:
-        """Return the interpolation (V,); None if it is not yet or cannot be computed."""
+        """Return the interpolated function (V,); None while it is computed, or if this failed."""
         session = self._session
         source, target = session.work.flow_values("source"), session.work.flow_values("target")
         if source is None or target is None:

@@ -11,9 +11,10 @@ Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
 
 def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
-    """Return n strips of half widths (n, K) through places (n, K, 3) with normals (n, K, 3).
+    """Return triangles of n flat strips along curves on a surface.
 
-    The faces are counterclockwise from outside.
+    Strip i follows points ``places[i]`` (K, 3), with surface normals ``normals[i]`` (K, 3) and half
+    widths ``half_widths[i]`` (K,). The faces are counterclockwise seen from outside.
     """
     count, nodes = half_widths.shape
     side = half_widths[:, :, None] * unit(np.cross(normals, np.gradient(places, axis=1)))
@@ -23,12 +24,15 @@ def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> 
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """Return vectors (..., 3) of length 1; zero vectors stay zero."""
+    """Return vectors (..., 3), scaled to length 1; zero vectors stay zero."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
 def normals_at(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
-    """Return unit normals (K, 3) at points of a surface, interpolated from its vertices."""
+    """Return unit normals (K, 3) at K points, given by faces (K,) and barycentric weights (K, 3).
+
+    They are interpolated from the normals of the vertices.
+    """
     return unit(np.einsum("kc,kcx->kx", barycentric, vertex_normals(mesh)[mesh.faces[faces]]))
 
 
@@ -39,5 +43,5 @@ def vertex_normals(mesh: TriangleMesh) -> FloatArray:
 
 
 def outward(mesh: TriangleMesh) -> int:
-    """Return the factor, 1 or -1, that makes normals of a mesh point outward."""
+    """Return 1 if the normals of a mesh point outward, or -1 if they point inward."""
     return -1 if mesh.is_inside_out else 1

@@ -1,4 +1,4 @@
-"""The flow of a sequence, which has one field for each interval, and its quantities."""
+"""The shown flow of a sequence, which has one field for each interval between two frames."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _sequence_document(session: Session) -> SequenceDocument:
 
 
 class SequenceFlow(ShownFlow):
-    """The flow of the interval at the shown time: that of a run in progress, or of the result."""
+    """The flow of the interval at the shown time, from the run in progress or from the result."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session)
@@ -67,7 +67,10 @@ class SequenceFlow(ShownFlow):
         return memo.get((field, tau, motion), make)
 
     def advected(self) -> FloatArray | None:
-        """Return the function at the shown time; while playing, request the next interval also."""
+        """Return the function at the shown time, (V,).
+
+        While the sequence is played, the next interval is also computed.
+        """
         document, session = _sequence_document(self._session), self._session
         columns, channel = document.sequence.columns, document.channel
         interval, share = document.interval, min(session.time / session.document.tau, 1.0)
@@ -92,7 +95,7 @@ class SequenceFlow(ShownFlow):
 
 
 class SequenceQuantities(FieldQuantities):
-    """Quantities of the fields of a sequence; its arrows have one scale in all intervals."""
+    """Quantities of the fields of a sequence; arrows have the same scale in all intervals."""
 
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session, flow)
@@ -106,7 +109,7 @@ class SequenceQuantities(FieldQuantities):
 
     @property
     def _is_of_interval(self) -> bool:
-        """Whether the shown field is that of an interval, or a part of it."""
+        """Whether the shown field is the field of an interval or a Hodge part of it."""
         return self._session.view.part in ("complete", *HODGE_PARTS)
 
     def _determined_shares(self) -> FloatArray | None:
@@ -120,7 +123,7 @@ class SequenceQuantities(FieldQuantities):
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows in all intervals; None before it is known.
 
-        During a run, this speed never decreases.
+        During a run this speed never decreases.
         """
         document = _sequence_document(self._session)
         if not self._is_of_interval:
@@ -130,10 +133,10 @@ class SequenceQuantities(FieldQuantities):
         return self._fast_in.newest(document.sequence, fast_speed_of, document.result)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return the streaks of an interval, cached for the next time that it is shown.
+        """Return the streaks of an interval and, before them, a key that identifies their sequence.
 
-        While streaks are computed, those of an earlier interval are returned, or None while the
-        sequence plays.
+        Streaks are cached, since intervals are often shown again. While streaks are computed, those
+        of an earlier interval are returned; while the sequence is played, None.
         """
         cache, key = self._cached_streaks, _key_of(field, (fade, moving))
         if key in cache:
@@ -154,7 +157,7 @@ class SequenceQuantities(FieldQuantities):
         return field.mesh, found
 
     def paths(self) -> list[abfm.flow.FlowLine]:
-        """Return the paths of the followed points through all intervals."""
+        """Return the paths, through all intervals, of the points that follow the flow."""
         document = _sequence_document(self._session)
         flow, points, result = self.flow.state, document.points, document.result
         if flow is None or not points or result is None:
@@ -171,7 +174,7 @@ class SequenceQuantities(FieldQuantities):
 
     @property
     def path_time(self) -> float:
-        """The shown time, rescaled so that all intervals have the same duration."""
+        """The shown time in the unit of `paths`, in which all intervals have the same duration."""
         document = _sequence_document(self._session)
         even = np.linspace(0, document.end - document.start, len(document.sequence))
         return float(np.interp(document.time, document.sequence.times, even))

@@ -1,4 +1,4 @@
-"""Everything that is computed from a session for its pictures, in the background."""
+"""All data that are computed for the pictures of a session, in the background."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from abfm_viewer.shown.tracks import ShownTracks
 
 
 class Shown:
-    """Flow, quantities, landmarks, tracks and transport of a session, for its kind of document."""
+    """Flow, quantities, landmarks, tracks and transport for the pictures of a session.
+
+    Flow and quantities are of the class for the kind of the current document.
+    """
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -36,16 +39,17 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Whether all times of the flow can be played; otherwise the player waits.
+        """Whether the flow can be shown at all times; the player waits while this is false.
 
-        The player does not wait for streaks of a sequence, as each interval has its own field.
+        The player does not wait for streaks of a sequence, since each of its intervals has other
+        streaks.
         """
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits
 
     @property
     def is_behind(self) -> bool:
-        """Whether the surfaces still show an earlier state than the result or step in the panel."""
+        """Whether the pictures do not yet show the result or step that the panel describes."""
         session = self.session
         if session.solver.running or session.result is None or session.outdated:
             return False
@@ -55,7 +59,7 @@ class Shown:
 
     @property
     def busy(self) -> str:
-        """Description of background computations other than the solver; empty if there are none."""
+        """Description of the background computation in progress, except a run; or an empty text."""
         if self.session.busy:
             return self.session.busy
         if self.flow.busy:

@@ -1,4 +1,4 @@
-"""The shown flow, and functions and points at the shown time."""
+"""The shown flow of a match, and functions and points moved by it to the shown time."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ ValuesAtTimes: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatAr
 
 @dataclass(frozen=True, eq=False)
 class Span:
-    """A function at evenly spaced times (T,), in single precision; it is blended in between."""
+    """A function at evenly spaced times (T,), in single precision, interpolated between them."""
 
     times: FloatArray
     frames: Frames
     note: str = ""  # why it ends before the time bar; empty if it does not
 
     def at(self, time: float) -> FloatArray:
-        """Return the function at a time, or at the last time if that is earlier."""
+        """Return the function at a time; after the last time, the function at the last time."""
         return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
@@ -52,7 +52,10 @@ def advected(state: FlowState, function: FloatArray, times: FloatArray) -> Float
 
 
 def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = advected) -> Span:
-    """Return a function over the entire time bar, or up to tau if the flow overflows later."""
+    """Return a function at times of the entire time bar, or up to tau if values overflow later.
+
+    ``values_at`` computes the function at given times, by default by advection along the flow.
+    """
     times_max = _TIMES if state.final else _TIMES_WHILE_SOLVING
     count = int(np.clip(_SPAN_NUMBERS_MAX // function.size, 9, times_max)) // 2 * 2 + 1
     tau = state.parameters.tau
@@ -68,7 +71,10 @@ def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = adve
 
 
 class AtShownTime:
-    """A function at the shown time, which is the same array until its inputs change."""
+    """Computes a function at the shown time; it is the same array until its inputs change.
+
+    ``values_at`` computes the function at given times, by default by advection along the flow.
+    """
 
     def __init__(self, jobs: Jobs, values_at: ValuesAtTimes = advected) -> None:
         self._values_at = values_at
@@ -84,7 +90,7 @@ class AtShownTime:
 
     @property
     def error(self) -> str:
-        """Reason why there are no values, or only up to tau; empty if there are."""
+        """Reason why there are no values, or none after tau; empty if the time bar is covered."""
         return self._span.error or (self._span.value.note if self._span.value else "")
 
     def _newest_span(self, state: FlowState, function: FloatArray) -> Span | None:
@@ -98,9 +104,10 @@ class AtShownTime:
     def at(
         self, state: FlowState, function: FloatArray, time: float, settled: bool
     ) -> FloatArray | None:
-        """Return the values at a time, exact if the time is ``settled``.
+        """Return the values at ``time``, exactly if ``settled``, otherwise blended from two times.
 
-        While values are computed, those of an earlier flow are returned; None if there are none.
+        ``function`` is the function at time 0. While values are computed, those of an earlier flow
+        are returned; None if there are none.
         """
         self.behind = False
         if time == 0:
@@ -124,7 +131,10 @@ class AtShownTime:
 
 
 def labels_at(mesh: TriangleMesh, values: IntArray, places: FloatArray) -> IntArray:
-    """Return the labels (P,) of the vertices nearest to places (P, 3), from those of all (V,)."""
+    """Return the labels (P,) at points ``places`` (P, 3), which are those of the nearest vertices.
+
+    ``values`` (V,) are the labels of all vertices.
+    """
     return np.asarray(values[vertex_tree(mesh).query(places)[1]])
 
 
@@ -136,7 +146,7 @@ def vertex_tree(mesh: TriangleMesh) -> KDTree:
 
 
 class ShownFlow(Jobs):
-    """The flow of a session: that of the best iterate during a run, otherwise of the result."""
+    """The flow that a session shows: of the best iterate during a run, otherwise of the result."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
@@ -156,7 +166,7 @@ class ShownFlow(Jobs):
 
     @property
     def state(self) -> FlowState | None:
-        """The flow, the same object for the same field; None if there is no field."""
+        """The flow, which is the same object while its field is the same; None without a field."""
         snapshot, result = self._session.snapshot, self._session.result
         mesh, prepared = self._session.surface().mesh, self._session.work.prepared
         first = prepared.initial.correspondence.points if prepared else None
@@ -173,12 +183,15 @@ class ShownFlow(Jobs):
 
     @property
     def time(self) -> float:
-        """The shown time, in the time of the flow; they differ after a change of tau."""
+        """The shown time in the flow's unit of time, which differs after a change of tau."""
         flow, time = self.state, self._session.time
         return time if flow is None else time * flow.parameters.tau / self._session.document.tau
 
     def advected(self) -> FloatArray | None:
-        """Return the source of the active channel at the shown time, (V,), or None; for A, on B."""
+        """Return the active channel's source, advected to the shown time, (V,); None if unknown.
+
+        If two surfaces are registered, it is advected on B. Without a flow, the source is returned.
+        """
         session, flow = self._session, self.state
         self.is_behind = False
         source = session.work.flow_values("source")
@@ -200,10 +213,10 @@ class ShownFlow(Jobs):
         return source if values is None else values
 
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
-        """Return the finer mesh of a match, and a function (V,) on it.
+        """Return the finer mesh of a match, and a function (V,) on it; None if it is not shown.
 
-        ``name`` is source, target or advected. The result is None if the match has no finer mesh,
-        if the view does not show it, or before the values are known.
+        ``name`` is "source", "target" or "advected". The result is also None if the match has no
+        finer mesh, and before the values are known.
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
@@ -236,10 +249,10 @@ class ShownFlow(Jobs):
         return None if values is None else (fine.mesh, values)
 
     def coordinates(self) -> FloatArray | None:
-        """Return where the point at each vertex at the shown time started at time 0, (V, 3).
+        """Return the start, at time 0, of the points at the vertices at the shown time, (V, 3).
 
-        Points are followed along flow lines. If two surfaces are registered, these starts are on
-        A. They are None before they are known.
+        Points are followed along flow lines. If two surfaces are registered, the starts are on A.
+        The result is None before they are known.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -247,10 +260,10 @@ class ShownFlow(Jobs):
         return self._coordinates.at(flow, places, self.time, self.settled)
 
     def labels(self) -> IntArray | None:
-        """Return the labels at the shown time, (V,), from the source's surface along flow lines.
+        """Return labels at the shown time, (V,), moved from the source's surface along flow lines.
 
-        While new labels are computed, those of an earlier time are returned; None before any are
-        known.
+        While new labels are computed, those of an earlier time are returned; None if there are
+        none.
         """
         labels, places = self._session.document.labels, self.coordinates()
         if labels is None or places is None:
@@ -260,7 +273,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Start at time 0 of the point at each vertex, (V, 3); on A if surfaces are registered."""
+        """Start at time 0 of the point at each vertex, (V, 3), on A if registered; or None."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices
@@ -270,7 +283,11 @@ class ShownFlow(Jobs):
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:
-        """Return the position at the shown time of each vertex, (V, 3), along flow lines."""
+        """Return the positions at the shown time, (V, 3), of the points that start at the vertices.
+
+        Points are followed along flow lines. The result is None without a flow, and before it is
+        known.
+        """
         flow, vertices = self.state, self._session.surface().mesh.vertices
         if flow is None:
             return None
@@ -278,7 +295,7 @@ class ShownFlow(Jobs):
 
     @property
     def is_ready(self) -> bool:
-        """Whether the function or pattern of the view is known at all times of the flow."""
+        """Whether the function or pattern to be shown is computed at all times of the flow."""
         session, state = self._session, self.state
         source, places = session.work.flow_values("source"), self._origins
         if state is None or source is None or places is None or not state.final:
@@ -290,16 +307,16 @@ class ShownFlow(Jobs):
 
     @property
     def settled(self) -> bool:
-        """Whether the time has not changed for a while, so that exact values are computed."""
+        """Whether the shown time has not changed for a while, and exact values are computed."""
         unchanged = clock.perf_counter() - self._session.editor.time_changed
         return not self._session.player.playing and unchanged > _SETTLE_SECONDS
 
     @property
     def note(self) -> str:
-        """Reason why the flow ends before the time bar; empty if it does not."""
+        """Reason why the flow cannot be shown up to the end of the time bar; empty if it can."""
         return self._source.error
 
     @property
     def problem(self) -> str:
-        """Reason why the values at the shown time are not exact; empty if they are."""
+        """Reason why exact values at the shown time cannot be computed; empty if they can."""
         return self._source.problem or self._coordinates.problem

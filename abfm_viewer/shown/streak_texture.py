@@ -1,4 +1,4 @@
-"""Coloured textures from streaks of line integral convolution."""
+"""Colouring of streak textures, which line integral convolution produces, by a function."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,11 @@ def streak_texture(
     colors: ColorRange | None = None,
     unknown: BoolArray | None = None,
 ) -> FloatImage:
-    """Return the colours (size, size, 3), in linear light, of an image (size, size) of streaks.
+    """Return colours (size, size, 3), in linear light, of a texture ``image`` of streaks.
 
-    The image is from 0 to 1, or from 0 to 255 as integers. Streaks darken the colours of a function
-    (V,). They are grey without a function, and in faces with a vertex where it is unknown (V,).
+    The image (size, size) is from 0 to 1, or has integers from 0 to 255. Streaks darken the colours
+    of a function (V,). They are grey without a function, and in faces with a vertex where the mask
+    ``unknown`` (V,) is true.
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
@@ -50,11 +51,12 @@ def _draw(
     shades: tuple[float, float],
     image: IndexArray,
 ) -> FloatImage:
-    """Return the texture of a function that is affine in each face, darkened by an image.
+    """Return colours of a texture from a table of colours, darkened by an image of streaks.
 
-    The values of the function are rows of the table; where they are NaN the last row is drawn.
-    ``shades`` are the darkening by an image of zeros, and the brightening by each unit of it. This
-    is a compiled kernel because the window draws while it runs.
+    ``owners`` are the faces of the texels. Row ``affine[face]`` gives the table's row as an affine
+    function of the texel; where it is NaN, the last row is drawn. ``shades`` are the darkening
+    where the image is 0, and the brightening per unit of the image. This is a compiled kernel
+    because the window draws while it runs.
     """
     last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)

@@ -1,6 +1,6 @@
-"""Export of pictures, movies and data in the background.
+"""Export of pictures, movies, results and tables to files, in the background.
 
-Pictures are drawn in a subprocess, which can be ended.
+Pictures are drawn in a subprocess, which a cancellation can kill.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class PictureSettings:
     color_bar: bool = True
 
     def options(self) -> list[str]:
-        """Return the settings as options of `abfm render`, except for transparency."""
+        """Return the settings as command-line options of `abfm render`, except for transparency."""
         size = f"--size={self.width}x{self.height}"
         return [size] if self.color_bar else [size, "--no-color-bar"]
 
@@ -73,7 +73,10 @@ class _Export(NamedTuple):
 
 
 class Exporter:
-    """Writes files in the background, one after another."""
+    """Writes exported files in the background, one after another.
+
+    ``report`` is called with the final message of each export, and whether the export failed.
+    """
 
     def __init__(self, report: Callable[[str, bool], None]) -> None:
         self._report = report
@@ -121,7 +124,10 @@ class Exporter:
         self._start(path, MOVIES, partial(self._render, path, document, known, options))
 
     def save_result(self, path: Path, found: Any, on_saved: Callable[[], object]) -> None:
-        """Write a result in the format of the suffix; call ``on_saved`` for a result file."""
+        """Write a result in the format of the suffix of ``path``.
+
+        ``on_saved`` is called if this is a result file (.npz), which contains the complete result.
+        """
         task = abfm.loading.task_of(found)
 
         def write() -> str:
@@ -150,7 +156,7 @@ class Exporter:
         self._start(path, LABELS, write)
 
     def cancel(self) -> None:
-        """Cancel the export; nothing is written, and an existing file stays unchanged."""
+        """Cancel all exports that are not finished; their files are not written or changed."""
         with self._lock:
             self._waiting.clear()
             self._cancelled = True
@@ -207,7 +213,10 @@ class Exporter:
         self._reported = step
 
     def _render(self, path: Path, document: Document, known: Known, options: list[str]) -> None:
-        """Draw a copy of the document in a subprocess, and move the complete file into place."""
+        """Draw a document by `abfm render` in a subprocess, and write the file when it is complete.
+
+        ``known`` returns values of functions from files, and ``options`` are those of the command.
+        """
         if self.movie.fps > (fastest := outputs.FPS_MAX.get(path.suffix, math.inf)):
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; expected at most {fastest:g} for a {path.suffix} file"

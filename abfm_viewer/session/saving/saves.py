@@ -1,4 +1,4 @@
-"""Saved states of the documents of a session, and unsaved changes."""
+"""Record of which documents of a session are saved, and in which files."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from abfm_viewer.session.editor import Editor
 
 
 class Saves:
-    """Saved state and project file of each document in the history, and unsaved documents.
+    """Records the saved state and project file of each document, and which documents are unsaved.
 
-    When one state of a document is saved, its other states no longer count as unsaved.
+    A document has many states, one for each step of undo. When one of them is saved, the others no
+    longer count as unsaved.
     """
 
     def __init__(self, editor: Editor) -> None:
@@ -31,7 +32,7 @@ class Saves:
 
     @property
     def title(self) -> str:
-        """Name of the file or document; a star marks unsaved changes."""
+        """Name of the project file or, without one, the document; a star marks unsaved changes."""
         name = self.path.name if self.path else self._editor.document.name
         return f"{'* ' if self.unsaved else ''}{name}"
 
@@ -52,7 +53,10 @@ class Saves:
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
-        """Return whether a document's match is in no file; a step of a saved path is not new."""
+        """Return whether a document has a match that is in no file.
+
+        Another step of the continuation of a saved match is not new.
+        """
         saved, _ = self._of(document)
         files = (saved, self._exported.get(type(document)))
         in_files = [file.match for file in files if file is not None]
@@ -60,7 +64,10 @@ class Saves:
         return found is not None and not any(one and found.path is one.path for one in in_files)
 
     def record_export(self, document: Document) -> None:
-        """Record that the result of a document is in a result file, the latest of its kind."""
+        """Record that a result file contains the result of a document.
+
+        Only the latest document of each kind is recorded.
+        """
         if not document.is_outdated:  # otherwise the file belongs to other inputs
             self._exported[type(document)] = document
 
@@ -68,7 +75,7 @@ class Saves:
         return document.unsaved_text(self.changes(document), self.has_new_result(document))
 
     def changes(self, document: Document) -> tuple[str, ...]:
-        """Return the names of the fields of a document that are in no file."""
+        """Return the names of the fields of a document whose present values are in no file."""
         saved, exported = self._of(document)[0], self._exported.get(type(document))
         if exported is None or exported.result is not document.result:
             exported = None
@@ -91,11 +98,15 @@ class Saves:
         )
 
     def origin(self, document: Document) -> Origin | None:
-        """Return the project file of a document, in the state when it was last read or written."""
+        """Return the project file of a document as last read or written; None without a file."""
         return self._of(document)[1]
 
     def unsaved_state(self, document: Document) -> Document | None:
-        """Return the unsaved state of a replaced document, or its new result, for `record`."""
+        """Return the latest unsaved state of a document, or None if it has none.
+
+        A state is recorded as unsaved when a result is computed, or when another document is
+        opened.
+        """
         return self._unsaved.get(document.identity)
 
     def record(
@@ -105,10 +116,11 @@ class Saves:
         settles: Document | None = None,
         saved: bool = True,
     ) -> None:
-        """Record the file of a document and whether it is saved.
+        """Record the project file of a document (None without one), and whether it is saved.
 
-        ``settles`` is the `unsaved_state` when writing began; it is removed. A document that is not
-        ``saved`` counts as changed completely.
+        If ``saved`` is false, all fields of the document count as changed. ``settles`` is the
+        `unsaved_state` when writing began. If there is no newer one, the document has no unsaved
+        state now.
         """
         self._saved[document.identity] = document if saved else None, origin
         if saved and self._unsaved.get(document.identity) is settles:
@@ -124,7 +136,7 @@ class Saves:
         self._unsaved[document.identity] = document
 
     def forget_all_but(self, identities: Collection[Identity]) -> None:
-        """Drop the save records of documents that are neither in the history nor unsaved."""
+        """Drop the records of documents that are neither in ``identities`` nor unsaved."""
         for identity in self._saved.keys() - self._unsaved.keys() - set(identities):
             del self._saved[identity]
 
