@@ -82,7 +82,7 @@ class Latest(Generic[Value]):
         self.retired = False
         self._at_once = at_once
         self._requested: object = None
-        self._job: Callable[[], Value] | None = None  # for the requested key, while it waits
+        self._job: Callable[[], Value] | None = None  # for the requested key, if it waits
         self._running: object = None
         self._has_thread = False
         self._condition = threading.Condition()
@@ -163,7 +163,7 @@ class Latest(Generic[Value]):
         try:
             with reporting_steps(self._set_step):
                 value = job()
-        except BaseException as problem:  # every failure needs an error, or the request never ends
+        except BaseException as problem:  # without an error text the request would never end
             error = error_line(problem)
             if self._at_once and not isinstance(problem, Exception):
                 raise

@@ -24,7 +24,7 @@ _TARGET_DISTANCE = 0.5
 More distant targets are also matched, but by maps that change areas a lot, for example where limbs
 meet the body.
 """
-_FACING_WEIGHT = 0.1  # distance that facing the viewer is worth, in longest geodesics
+_FACING_WEIGHT = 0.1  # weight of facing the viewer, as a share of the longest geodesic
 _AVERAGED_VERTICES = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
@@ -46,7 +46,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     if mesh.is_inside_out:
         normals = -normals
     facing = _facing(mesh, normals)
-    # distances from the two ends; they do not depend on the numbers of the vertices
+    # distances from both ends of the geodesic, whatever the order of the vertices
     areas = abfm.calculus.vertex_areas(mesh)
     places = mesh.vertices - areas @ mesh.vertices / areas.sum()
     tilt = places @ _TILT  # selects one of two symmetric ends, such as hands

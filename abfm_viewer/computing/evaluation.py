@@ -28,9 +28,9 @@ SUBPROCESS_VERTICES_MIN = 20_000
 Smaller meshes take less time than the start of a process. The libraries behind geodesics and
 eigenfunctions hold the interpreter, for 17 s at 160,000 vertices.
 """
-_EXACT_VERTICES_MIN = 1_500  # the same for exact geodesic distances, 1 s at 6,000 vertices
+_EXACT_VERTICES_MIN = 1_500  # for exact geodesic distances; 1 s at 6,000 vertices
 _CACHE_SIZE = 64  # functions
-# of the largest absolute value of a function: graphics have single precision
+# limits of the largest absolute value of a function, as graphics have single precision
 _SIZE_MIN = 1e-30
 _SIZE_MAX = 1e30
 
@@ -53,7 +53,7 @@ class Functions:
         at_once: bool = False,
     ) -> None:
         self.mesh = mesh
-        # values (V,) of terms stored in a project file, which needs no other files therefore
+        # values (V,) by term, from a project file, so that the files of functions are not needed
         self.known = dict(known or {})
         self.has_computed = False  # whether there may be a thread and a process
         self._worker: Worker[None] | None = None
@@ -66,7 +66,7 @@ class Functions:
         self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest(at_once)
         self._requested: tuple[str, ...] = ()
-        self._waits = False  # whether the last request was not completely in the cache
+        self._waits = False  # whether the cache lacked values of the last request
 
     @property
     def busy(self) -> bool:
@@ -82,7 +82,7 @@ class Functions:
         These are the known values, those of the latest request, and those of specs for which
         ``keeps`` is true.
         """
-        cached = self._cache.copy()  # without the lock: another thread may evaluate for long
+        cached = self._cache.copy()  # without the lock, which another thread may hold for long
         known = self.known | {spec: values for spec, values in cached.items() if keeps(spec)}
         others = Functions(self.mesh, known, self._at_once)
         others._cache.update((spec, cached[spec]) for spec in self._requested if spec in cached)

@@ -7,9 +7,9 @@ as the memory that a window uses.
 import ctypes
 import sys
 
-_BLOCK_BYTES = 2 << 20  # size of pictures and textures; smaller blocks are allocated very often
+_BLOCK_BYTES = 2 << 20  # pictures and textures are larger; smaller blocks are very frequent
 _POOLS_MAX = 2
-_MMAP_THRESHOLD = -3  # of malloc.h
+_MMAP_THRESHOLD = -3  # constant in malloc.h
 _ARENA_MAX = -8
 
 

@@ -23,20 +23,20 @@ from abfm_viewer.computing.run import ProcessCache
 
 _RECENT_ITERATES = 4  # newest iterates whose fields can be requested, in addition to the best one
 _PICTURE_WAIT_RATIO = 9
-"""Wait between two pictures, in times of making one: pictures take a tenth of the time."""
+"""Ratio of the wait between two pictures to the time for one: pictures take a tenth of all time."""
 _WAIT_SECONDS_MIN = 0.05
 _WAIT_SECONDS_MAX = 0.2
 FIRST_FIELD_SECONDS = 2.0
 """Seconds after which a match first sends its fields without a request.
 
-They are needed if the process is killed. A shorter match loses little then, and saves the time.
+The fields are needed if the process is killed. A shorter match then loses little.
 """
 _FIELD_WAIT_RATIO = 49
-"""Least wait between two sent fields, in times of sending one: sending takes 2% of the time."""
+"""Least ratio of the wait between two sent fields to the time for sending: 2% of all time."""
 _FIELD_WAIT_GROWTH = 1.5
 """Ratio of a wait between two sent fields to the wait before it."""
 _FIELD_WAIT_SECONDS_MAX = 20.0
-_SECONDS_PER_VERTEX = 1e-6  # to send fields: 33 ms at 40,962 vertices
+_SECONDS_PER_VERTEX = 1e-6  # time to send fields: 33 ms at 40,962 vertices
 
 Fields = tuple[FloatArray, FloatArray]
 """The fields (N, F, 3) of an iterate and the source advected by them (V, C)."""
@@ -78,8 +78,8 @@ class IteratePicture:
         return self.picture
 
 
-# The functions below run in the subprocess. It stores the best iterate with a picture of the
-# present and of the previous run, followed by the newest iterates of the present one.
+# The functions below run in the subprocess. It stores, for the present and the previous run, the
+# best iterate with a picture, and for the present one also the newest iterates.
 
 
 def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None:
@@ -104,7 +104,7 @@ def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.
             return task.solve(Monitor(current_control() or Control(), reports.add))
     finally:
         # only the best fields of a finished run stay in memory, without the solver's workspace
-        best = cache[run] = cache[run][:1]  # requests in the meantime find it
+        best = cache[run] = cache[run][:1]  # for requests in the meantime
         try:
             cache[run] = tuple(map(_with_fields, best))
         except MemoryError:
@@ -123,7 +123,7 @@ class _Reports:
         self._next_picture = 0.0
         self._wait = max(FIRST_FIELD_SECONDS, _FIELD_WAIT_RATIO * _SECONDS_PER_VERTEX * vertices)
         self._next_fields = clock.perf_counter() + self._wait
-        self._sent: abfm.matching.Iteration | None = None  # with its fields
+        self._sent: abfm.matching.Iteration | None = None  # last iterate whose fields were sent
 
     def add(self, iteration: abfm.matching.Iteration) -> None:
         view = IteratePicture(iteration.warning)

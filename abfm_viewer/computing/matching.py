@@ -26,7 +26,7 @@ from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, 
 from abfm_viewer.document.surface_points import landmark_pairs
 
 _ITERATIONS_BETWEEN_RESTARTS = 3
-_numbers = itertools.count(1)  # of solves; the process stores their fields by number
+_numbers = itertools.count(1)  # numbers of solves, by which the subprocess stores fields
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class ProblemSpec:
     channels: tuple[Channel, ...]
     parameters: Parameters
     mask: str
-    landmarks: tuple[Landmark, ...] = ()  # complete ones
+    landmarks: tuple[Landmark, ...] = ()  # with points on both surfaces
     landmarks_alone: bool = False  # whether functions have no weight if there are landmarks
-    initial: InitialMap | None = None  # of two surfaces, from A to ``mesh``, which is B
+    initial: InitialMap | None = None  # from surface A to B, which is ``mesh``, if any
 
     @property
     def is_of_landmarks(self) -> bool:
@@ -154,13 +154,13 @@ class Matching:
         self.follow = True  # whether a change of the problem during a run restarts it
         self.warm = False  # whether a new run starts from the current field instead of zero
         self.running = False  # whether the current run is a match
-        self.problem: ProblemSpec | None = None  # the newest one
+        self.problem: ProblemSpec | None = None  # the newest problem
         self.snapshot: Snapshot | None = None  # may be read at any time
         self._run = run
         self._history = _History()
         self._next: ProblemSpec | None = None
-        self._current: ProblemSpec | None = None  # of the current solve
-        self._best: Snapshot | None = None  # of the current solve, with fields in this process
+        self._current: ProblemSpec | None = None  # problem of the current solve
+        self._best: Snapshot | None = None  # best of the current solve with its fields
         self._lock = threading.Lock()
 
     @property
@@ -242,7 +242,7 @@ class Matching:
         self._history = _History()
         then(found, record, self._solved)
 
-    # Called in the thread of the run
+    # The methods below are called in the thread of the run
 
     def _solve_all(self, functions: Evaluators, start: FloatArray | None) -> abfm.Match | None:
         while True:
@@ -276,7 +276,7 @@ class Matching:
         except StartError:
             if start is None:
                 raise
-            return solve(problem)  # a start found with other parameters may be too fast for these
+            return solve(problem)  # a start from other parameters may be too fast for these
 
     def _post(self, problem: ProblemSpec, now: abfm.matching.Iteration) -> None:
         view, shown, before = now.view, now, self.snapshot

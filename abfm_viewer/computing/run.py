@@ -29,9 +29,9 @@ _ENDED_MESSAGE = (
     "the computing process ended unexpectedly, possibly because memory ran out; try again"
 )
 _IDLE_WORKERS_MAX = 2  # a session has one process for runs, and one for initial maps
-_RECENT_PARTIALS = 20  # partial results from which the time of the next ones is estimated
-_CLOSE_SECONDS = 0.1  # for a run to end when it is closed, before its process is ended
-_START_SECONDS = 0.02  # for a run to begin; otherwise it waits until a frame is drawn
+_RECENT_PARTIALS = 20  # number of partial results whose mean time is measured
+_CLOSE_SECONDS = 0.1  # time for a closed run to end before its process is killed
+_START_SECONDS = 0.02  # wait for a run to begin, which drawing would delay
 
 
 class Process:
@@ -107,7 +107,7 @@ class Run(Generic[Result]):
     def __init__(self, process: Process) -> None:
         self.process = process
         self.state, self.reason = RunState.IDLE, ""  # why the last run failed, in one line
-        self.step: Step | None = None  # present step, unless it is one more iteration
+        self.step: Step | None = None  # present step of the run, except for plain iterations
         self.started = 0  # number of runs
         self.has_partial_results = (
             False  # whether there are partial results, also of an earlier run
@@ -217,7 +217,7 @@ class Run(Generic[Result]):
         self.wait(seconds)
         self.forget()
 
-    # Called in the thread
+    # The methods below are called in the thread of the run
 
     def call(
         self,

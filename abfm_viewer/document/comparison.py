@@ -12,8 +12,8 @@ import abfm
 from abfm.types import BoolArray, FloatArray
 
 ComparisonKind = Literal["difference", "mean", "deviation", "areas"]
-"""Quantity that is shown between a subject and the mean of the others."""
-_LENGTH_MAX = 24  # characters of a name in a title
+"""Quantity that the slot between a subject and the mean of the others shows."""
+_LENGTH_MAX = 24  # number of characters of a name in a title
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +21,11 @@ class Comparison:
     """One subject of a population, and how it is compared with the mean of the other subjects."""
 
     population: abfm.Population
-    subject: int  # its number
-    # number of a population's channel by a pair of specs: those of the subject's function and of
-    # the mean of the others in the document
+    subject: int  # number of the subject in the population
+    # numbers of the population's channels, by the specs of source and target in the document: the
+    # subject's function, and the mean of the others
     channels: Mapping[tuple[str, str], int]
-    kind: ComparisonKind = "difference"  # quantity shown between the two
+    kind: ComparisonKind = "difference"  # quantity shown between source and target
 
     @property
     def name(self) -> str:

@@ -168,7 +168,7 @@ class InitialMap:
     correspondence: Correspondence
     request: MapRequest  # for which the map was computed
     notes: tuple[str, ...] = ()
-    # functions of A, (V_A, C), as they are compared; None if they are known on B alone
+    # functions on A, (V_A, C), with the compared values; None if they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
     warnings: tuple[str, ...] = ()  # reasons why the map may be wrong
 
@@ -177,7 +177,7 @@ class InitialMap:
 
         The same match gives the same object.
         """
-        from abfm import Registration  # loads many modules
+        from abfm import Registration  # imported late: loads many modules
 
         found: Registration | None = vars(self).get("_registration")
         if found is None or found.match is not match:
@@ -204,7 +204,7 @@ class ViewPreferences:
     theme: Theme = "light"
     ui_scale: Annotated[float, Range(0, 10, excludes_low=True)] = 1.0
     layout: Layout = "automatic"
-    # automatic: chosen by the signs of the functions; or one of `abfm.pages.colormaps.NAMES`
+    # one of `abfm.pages.colormaps.NAMES`, or "automatic": chosen by the signs of the functions
     colormap: str = "automatic"
     isolines: bool = False
     isoline_count: Annotated[int, Range(1, 1000)] = 12
@@ -227,7 +227,7 @@ class ViewPreferences:
 class View(ViewPreferences):
     """All settings that affect how a document is drawn, and none that affect the match."""
 
-    viewpoint: Viewpoint | None = None  # None: the front of the surface, fitted
+    viewpoint: Viewpoint | None = None  # None: from the front, at zoom 1
     enlarged: str = ""  # the only slot that is shown; empty: all slots
     hidden: tuple[str, ...] = ()  # names of hidden surfaces
     coloring: Coloring = "function"  # of the advected surface
@@ -236,11 +236,11 @@ class View(ViewPreferences):
     error: bool = False  # show a surface with the error
     links: bool = False  # lines from points of surface A to their images on B
     arrows: bool = False
-    # part of the field that is drawn, coloured and traced, or a related field
+    # the field for arrows, streaks, colours and flow lines: all, a part, or a related field
     part: FieldPart = "complete"
     tracks: bool = False  # paths of the critical points of a sequence
     streaks: bool = False  # on the advected surface
-    fade: bool = False  # fade the streaks where the field is slow
+    fade: bool = False  # make streaks fainter where the field is slow
     animate: bool = False  # move the streaks along the field
     tool: ClickTool = "nothing"
     speeds: bool = False  # plot the speeds of a sequence instead of the residuals
@@ -272,7 +272,7 @@ class RunRecord:
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
-    stages: IntArray  # (n,)
+    stages: IntArray  # (n,), number of the stage
     # rows at which the solver continued with a changed problem
     restarts: tuple[int, ...]
     residual: float  # the smallest residual of all fields; 0 during the run
@@ -280,7 +280,7 @@ class RunRecord:
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
     term_names: tuple[str, ...] = ()  # names of the T data terms if T > 1
-    shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
+    shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), their energies
     residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
     sigmas: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -376,7 +376,7 @@ class Document:
     labels: LabelMap | None = None  # of the source's surface
     time: float = 0.0  # shown time, from `start` to `end`
     lines: tuple[Point, ...] = ()  # start points of flow lines
-    points: tuple[Point, ...] = ()  # points that are followed, at time 0
+    points: tuple[Point, ...] = ()  # positions at time 0 of points that follow the flow
     view: View = field(default_factory=View)
     identity: Identity = field(default_factory=Identity)
 

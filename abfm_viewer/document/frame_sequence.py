@@ -53,7 +53,7 @@ class FrameSequence:
 
     name: str
     frames: abfm.sequences.Frames
-    phases: abfm.sequences.Frames | None = None  # if the frames are their cosine and sine
+    phases: abfm.sequences.Frames | None = None  # phases of which the frames are cosine and sine
 
     def __len__(self) -> int:
         return len(self.frames.values)

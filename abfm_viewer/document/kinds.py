@@ -48,8 +48,8 @@ if TYPE_CHECKING:  # a document without a result does not load its type
 
 MEASURED_COLUMN = "measured"
 """Column of a mask that is 0 where functions had no values and were filled in."""
-OF_A = "A: "  # prefix of keys of values from files that are on surface A of two
-GIVEN_WORD = "given"  # word of an initial map that was opened with a registration file
+OF_A = "A: "  # prefix of the keys of values on surface A of two, see `values_key`
+GIVEN_WORD = "given"  # value of `initial` for the map in a registration file
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +68,13 @@ class MatchDocument(Document):
     bump: int = field(default=0, kw_only=True)  # active Gaussian of that side
     landmarks: tuple[Landmark, ...] = field(default=(), kw_only=True)
     landmark: int = field(default=0, kw_only=True)  # active landmark
-    # match the landmarks and ignore the functions, if there are landmarks
+    # whether landmarks, if there are any, are matched without the functions
     landmarks_alone: bool = field(default=False, kw_only=True)
     result: Match | None = field(default=None, kw_only=True)
-    # step that the solver chose, if another step of the path is shown
+    # number of the step that the solver chose; None if this step is shown
     solver_step: int | None = field(default=None, kw_only=True)
     runs: tuple[RunRecord, ...] = field(default=(), kw_only=True)  # ended runs, the latest last
-    # names of functions from results, by their specs
+    # names under which functions of results are shown, by their specs
     display_names: dict[str, str] = field(default_factory=dict, kw_only=True)
 
     @property
@@ -200,7 +200,7 @@ class MatchDocument(Document):
     @property
     def large_parts(self) -> tuple[object, ...]:
         found = () if self.result is None else (self.result, *self.result.path)
-        return (*super().large_parts, *found)  # the steps of a match share arrays
+        return (*super().large_parts, *found)  # arrays that steps share count once
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,7 +367,7 @@ class SequenceDocument(Document):
         return (self.sequence,), lambda: self.sequence.frames.unknown
 
     def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:
-        channel = self.channel  # one range for all frames
+        channel = self.channel  # one colour range for all frames
         return (self.sequence, channel), lambda: (self.sequence.frames.values[:, :, channel],)
 
     @property

@@ -15,18 +15,18 @@ from abfm.pages.front import Triple, triple
 from abfm.reading.labels import Labels
 from abfm.types import FloatArray, IntArray
 
-_GOLDEN_RATIO = 0.6180339887498949  # steps of this size give hues that stay distinct
+_GOLDEN_RATIO = 0.6180339887498949  # multiples of it, modulo 1, are distinct hues
 
 
 @dataclass(frozen=True, eq=False)
 class LabelMap:
     """Labels of the vertices of a mesh, as integer keys; each key has a name and an sRGB colour."""
 
-    file: str  # its name
+    file: str  # name of the file
     keys: tuple[int, ...]  # in ascending order
     names: tuple[str, ...]
     colors: tuple[Triple, ...]
-    values: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (V,)
+    values: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (V,), keys
 
     @classmethod
     def of(cls, file: str, mesh: TriangleMesh, labels: Labels) -> LabelMap:

@@ -26,7 +26,7 @@ Name = Literal[
     "correlation",
     "reason",
 ]
-"""Names of columns; numbers have the same names as in facts."""
+"""Names of columns; columns of numbers have the names of these numbers in `Facts`."""
 
 
 class Column(NamedTuple):
@@ -55,7 +55,7 @@ COLUMNS: Mapping[Name, Column] = {
 class ResultRow:
     """A row of a table of results, for example a subject, with the facts of its result."""
 
-    number: int  # in its table
+    number: int  # of the row in its table
     name: str
     facts: Facts
     path: Path | None = None  # file of the result

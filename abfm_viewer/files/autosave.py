@@ -22,7 +22,7 @@ Content = tuple[Document, Mapping[str, FloatArray]]
 """A document, and the values of its functions from other files (see `save_project`)."""
 _PREFIX = "autosave-"
 _SUFFIX = ".abfm"
-# after this time without a heartbeat the process has ended, even if its number is in use again
+# without a heartbeat for so long, a process has ended, even if its number is in use again
 _HEARTBEAT_SECONDS_MAX = 120.0
 
 
@@ -48,7 +48,7 @@ class Autosave:
         self._last = clock()
         self._state: object = None
         self._has_copy = False
-        self._sequence_run: object = None  # the run of a sequence when a copy was last due
+        self._sequence_run: object = None  # the sequence's run at the last copy
         # unlike a daemon thread, it finishes writing at the end of the program
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
@@ -69,7 +69,7 @@ class Autosave:
 
         Called before each drawing. ``content`` returns the document to write, and ``origin`` is its
         project file. The copy is written again only if ``state`` is another object. When a run of a
-        sequence begins, a copy is written immediately, because the checkpoint of the run is useless
+        sequence begins, a copy is written immediately, because the run's checkpoint is useless
         without it.
         """
         if self._future is not None:
@@ -101,7 +101,7 @@ class Autosave:
         return not self._has_copy and self._future is None
 
     def take_over(self, recovery: Recovery) -> None:
-        """Rename a recovered copy, so that it counts as this process's copy until the next one."""
+        """Rename a recovered copy to be that of this process until the next copy is written."""
         with suppress(OSError):
             recovery.path.replace(self.path)
             self._has_copy = True

@@ -35,7 +35,7 @@ from abfm_viewer.files.contents import PROJECT
 from abfm_viewer.files.project import load_project, terms_from_files
 
 Opened = tuple[Document, dict[str, FloatArray]]
-"""A document, and the values of its functions from files (see `Functions`)."""
+"""A document, and the values (V,) of its functions from files, by `Document.values_key`."""
 
 
 def read_document(path: Path) -> Opened:

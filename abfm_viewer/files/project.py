@@ -42,7 +42,7 @@ from abfm_viewer.document.label_map import LabelMap
 
 MEMBER = "origin.json"  # member of an autosaved copy that names the original project file
 _FORMAT = 9
-_JSON_BYTES_MAX = 2 << 20  # of a member
+_JSON_BYTES_MAX = 2 << 20  # limit for a member
 _RESULT = "result.npz"
 _KNOWN = Entry("real", ("V",), allow_missing=True)
 _ENTRIES = {
@@ -218,7 +218,7 @@ class _Writer:
 
     def __init__(self, objects: dict[str, Any]) -> None:
         self.arrays: dict[str, Any] = {}
-        self.objects = objects  # those that have names already, such as parts of the result
+        self.objects = objects  # objects with names, such as parts of the result
 
     def plain(self, value: Any, place: str) -> Any:
         """Return a value as JSON data; the names of arrays in the value begin with ``place``."""

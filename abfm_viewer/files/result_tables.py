@@ -14,7 +14,7 @@ POPULATION = "population.npz"
 NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
 """Files that identify a folder of results, written by `abfm batch` and `abfm population`."""
 _LEDGER = "ledger"
-_NUMBERS = ("residual", "folded", "log2_area", "correlation")  # facts of subjects
+_NUMBERS = ("residual", "folded", "log2_area", "correlation")  # names of facts about subjects
 
 
 def place_of(path: Path) -> Path | None:
@@ -51,7 +51,7 @@ class TableReader:
         file = self.place / POPULATION if self.place.is_dir() else self.place
         if file.is_file():
             return _of_population(self.place, file)
-        from abfm.batch import Ledger  # loads the solver
+        from abfm.batch import Ledger  # imported late: loads the solver
 
         title, entries = Ledger(self.place).read_rows()
         rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))

@@ -19,8 +19,8 @@ class _Found(NamedTuple):
     """Result of a search for the smallest residual with bounded distortion."""
 
     match: abfm.Match
-    reason: str  # why no match keeps the bound
-    errors: FloatArray | None  # of landmarks, which are too slow for the frame loop
+    reason: str  # why there is no match within the bound
+    errors: FloatArray | None  # errors of landmarks, computed here because they are slow
 
 
 class Bound:
@@ -34,7 +34,7 @@ class Bound:
         self._editor, self._notices, self._process = editor, notices, process
         self._run: Run[_Found] | None = None
         self._result: abfm.Match | None = None  # the result when the search started
-        self.maximum = 1.0  # of |log2 J| and |log2 R|, on 99% of the faces
+        self.maximum = 1.0  # bound for |log2 J| and |log2 R| on 99% of the faces
 
     @property
     def busy(self) -> str:

@@ -33,7 +33,7 @@ class Step(NamedTuple):
 
     document: Document
     label: str  # description of the change
-    merge: str  # further changes with the same key belong to this step
+    merge: str  # key: next changes with the same key belong to this step
     changes_viewpoint: bool  # whether the change affects the viewpoint or enlarges a slot
 
 

@@ -24,8 +24,8 @@ class DocumentFunctions:
     """Evaluates and stores the functions of all documents in the history of a session."""
 
     def __init__(self, at_once: bool) -> None:
-        # time since which the current document waits for its first functions, by
-        # `time.perf_counter`; None if it has functions
+        # time (`time.perf_counter`) since which the document has waited for its first functions;
+        # None if it has functions
         self.waiting_since: float | None = None
         self._at_once = at_once
         self._by_mesh: dict[TriangleMesh, Functions] = {}

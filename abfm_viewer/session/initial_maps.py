@@ -27,8 +27,8 @@ from abfm_viewer.session.functions import DocumentFunctions
 if TYPE_CHECKING:
     from abfm.registration.initial.map_input import Initial, MapInput
 
-_FIRST_WORD = "closest"  # word of the map that is shown while candidates are compared
-_WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
+_FIRST_WORD = "closest"  # method of the map that is shown while others are compared
+_WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # methods without functions
 _WITHOUT_LANDMARKS = ("connectivity", "file")
 
 

@@ -21,7 +21,7 @@ class Load:
     what: str  # such as "opening camel.off"
     read: Callable[
         [], Callable[[], None]
-    ]  # in the thread; returns a function that shows the result
+    ]  # is called in the thread; returns a function that shows the result
     other: str = ""  # label of the action that opens another file, offered if reading fails
     source: object = None  # equal sources are the same request; None for a unique request
     takes_long: bool = False  # whether another request replaces this one only after a question
@@ -38,7 +38,7 @@ class Load:
 
 
 class Loading:
-    """Reads what the newest request needs in a thread, and shows an error card if this fails.
+    """Executes the newest `Load` in a thread, and shows an error card if this fails.
 
     `now` is the request in progress. Each requested file has its own reader. If a request is
     cancelled, its reader finishes in the thread, and the result is dropped. If the same file is

@@ -49,7 +49,7 @@ class Notices:
         self.cards: tuple[Card, ...] = ()  # errors that stay in view, the latest first
         self.log: deque[LogEntry] = deque(maxlen=_LOG_ENTRIES_MAX)  # the oldest first
         self._action_count = action_count
-        self._shown: tuple[float, int] = 0.0, 0  # time, and the count of actions then
+        self._shown: tuple[float, int] = 0.0, 0  # time and count of actions at the latest notice
 
     def show(
         self, text: str, is_error: bool = False, about: str = "", remedies: Remedies | None = None

@@ -42,8 +42,8 @@ class Parts:
         self.sequence_match = SequenceMatch(self.solver)
         self.bound = Bound(self.editor, self.notices, self.solver.process)
         self.player = Player()
-        self.dragging = False  # whether the mouse drags; the changes are one step of undo
-        self.draws_quickly = False  # on this machine; the window sets both
+        self.dragging = False  # whether the user drags; all changes are then one step of undo
+        self.draws_quickly = False  # whether this machine can draw quickly; set by the window
 
     @property
     def document(self) -> Document:

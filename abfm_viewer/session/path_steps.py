@@ -20,7 +20,7 @@ class PathSteps:
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
         self._editor, self._notices = editor, notices
         self._found: Latest[abfm.Match] = jobs.latest()
-        self._wanted: tuple[abfm.Match, int] | None = None  # result at the request, and the step
+        self._wanted: tuple[abfm.Match, int] | None = None  # result at the request, and step
 
     @property
     def busy(self) -> str:

@@ -14,11 +14,11 @@ class Player:
 
     def __init__(self) -> None:
         self.playing = False
-        self.waiting = False  # for the next picture, which is being computed; the time stands still
+        self.waiting = False  # whether the next picture is being computed; the time stands still
         self.beyond = False  # whether to play to the end of the time bar instead of tau
         self.repeat: Repeat = "loop"
-        self.speed = 1.0  # of 0 to tau in `SECONDS`
-        self.phase = 0.0  # of moving streaks, 0 to 1
+        self.speed = 1.0  # at speed 1, time 0 to tau takes `SECONDS`
+        self.phase = 0.0  # phase of moving streaks, 0 to 1
         self._direction = 1.0
         self._starting = self._to_tau = False
 

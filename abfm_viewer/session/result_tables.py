@@ -129,8 +129,8 @@ class Tables:
         self.column: Name = "verdict"  # by which rows are sorted
         self.falls = False  # whether rows are in descending order
         self.search = ""
-        self.comparison_kind: ComparisonKind = "difference"  # quantity shown of subjects
-        self.cursor: Key | None = None  # of the selected row
+        self.comparison_kind: ComparisonKind = "difference"  # how subjects are compared
+        self.cursor: Key | None = None  # key of the selected row
         self.has_keys = False  # whether the keys Up and Down move the cursor
         self.scrolls = False  # whether the selected row must be scrolled into view
         self._session, self._load = session, load

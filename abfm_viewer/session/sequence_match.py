@@ -23,7 +23,7 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.run import Run
 from abfm_viewer.document.kinds import SequenceDocument
 
-_TRIES = 3  # starts of the subprocess; a new one resumes from the checkpoint of the previous one
+_TRIES = 3  # starts of the subprocess; each resumes from the checkpoint of the previous one
 _ENDED_MESSAGE = (
     f"the subprocess of the match ended {_TRIES} times, perhaps for lack of memory; match again to "
     "resume from its checkpoint"
@@ -44,7 +44,7 @@ class SequenceMatch:
         # returns the file next to which the checkpoint lies; None for no checkpoint
         self.checkpoint_base: Callable[[SequenceDocument], Path | None] = lambda document: None
         self.pair: tuple[int, int] | None = None  # frames that the user chose to match alone
-        self.running_document: SequenceDocument | None = None  # the same object during the run
+        self.running_document: SequenceDocument | None = None  # the same object during a run
         self._run = run
         self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # fields of the run, by interval
@@ -138,7 +138,7 @@ class SequenceMatch:
             found = replace(found, _frames=document.sequence.frames)
         then(document, found)
 
-    # In the run's thread
+    # The methods below are called in the thread of the run
 
     def _solve(self, task: abfm.sequences.SequenceTask, *given: object) -> abfm.Sequence:
         take = partial(self._take, task.mesh)

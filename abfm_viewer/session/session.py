@@ -47,7 +47,7 @@ class Session(Parts):
 
     def __init__(self, mesh: TriangleMesh, name: str, at_once: bool = False) -> None:
         super().__init__(mesh, name, at_once)
-        # sources that new documents take over from the previous document
+        # sources that new documents adopt from the previous document
         self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._run = MatchRun(self, self.match)
         match, self._sequence_document = MatchWork(self, self._run), SequenceWork(self, self.match)

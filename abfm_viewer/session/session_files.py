@@ -163,7 +163,7 @@ class SessionFiles:
         # for each file being written: the action at its end, and further actions after that
         self._writing: list[tuple[Future[Origin], Action, list[Action]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
-        self.waiting: Load | None = None  # performed when the current run has ended
+        self.waiting: Load | None = None  # request that waits for the end of the run
         # offered if a file cannot be read or written, by labels such as `OTHER_MESH`
         self.file_actions: dict[str, Action] = {}
         self.tables = Tables(session, self._load)
@@ -336,8 +336,7 @@ class SessionFiles:
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
         """Compute a table of results in the background by ``make(folder)``, and open it.
 
-        The folder is the same for every call with this version, so that ``make`` can use earlier
-        results.
+        The same version of abfm uses the same folder later, so that ``make`` finds earlier results.
         """
         from importlib.metadata import version  # slow to load
 

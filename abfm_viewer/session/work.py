@@ -39,7 +39,7 @@ class MatchRun:
 
     def __init__(self, parts: Parts, start: Start) -> None:
         self._parts, self._start = parts, start
-        self.document: Document = parts.document  # for which the run started
+        self.document: Document = parts.document  # document for which the run started
         # `Editor.action_count` when a remedy started the run; the result joins that step of undo
         self.remedy_action = -1
         self.shown_flow_of: Identity | None = None  # last document whose flow was shown
@@ -207,7 +207,7 @@ class MatchWork(Work):
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
         self._expected: Latest[abfm.outcome.Facts | None] = parts.jobs.latest()
         self._is_outdated = Memo[bool]()
-        # a result, and whether it is outdated
+        # the last result that was compared, and whether it is outdated
         self._compared: tuple[abfm.Match | None, bool] = None, False
 
     @property
@@ -359,7 +359,7 @@ class MatchWork(Work):
         parts = self.parts
         parts.functions.update(self.document)
         obstacle = self.obstacle
-        # after the functions, and not for off-screen pictures, which solve nothing
+        # after the functions are known, and not for off-screen pictures, which solve nothing
         if not (obstacle or parts.at_once):
             # coarse meshes are prepared in advance, because a match has to wait for them
             mesh, parameters = self.document.surface().mesh, self.document.parameters

@@ -20,15 +20,15 @@ from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at, outward
 
-_SPACING_MAX = 0.13  # of places, in a picture of any size
+_SPACING_MAX = 0.13  # largest spacing of arrows, in a picture of any size
 # spacing in pixels at density 0 and at density 1
 _SPARSE_PIXELS = 60.0
 _DENSE_PIXELS = 15.0
-_LEVELS = 2  # spacings for each factor of 2; zooming changes the arrows only between these
-# The following sizes are fractions of the spacing of places, unless stated otherwise.
+_LEVELS = 2  # number of spacings per factor of 2; zooming changes arrows only in these steps
+# The following sizes are fractions of the spacing of arrows, unless stated otherwise.
 _LENGTH_MAX = 0.92
 _SPEED_SHARE_MIN = 0.25  # of the fast speed; slower places have no arrow
-# half widths
+# half widths of shaft and head
 _SHAFT = 0.055
 _HEAD = 0.165
 _HEAD_LENGTH = 0.36
@@ -43,14 +43,15 @@ _HEIGHT = 0.04
 _RIM_HEIGHT = 0.025
 _HEIGHT_MAX = 0.0024
 _RIM_MAX = 0.0015
-# depth, in front of a place, of surface that does not hide it; the maximum is in sqrt(area)
+# depth by which the surface may lie in front of an arrow without hiding it; the maximum is in
+# sqrt(area)
 _DEPTH_SHARE = 0.13
 _DEPTH_MAX = 0.008
 _VIEW_COSINE_MIN = 0.3  # cosine between normal and line of sight; it is small near outlines
 # cosine of the angle by which the normal turns between an arrow's middle and ends
 _TURN_COSINE_MIN = 0.6
-_CANDIDATE_SPACING = 0.5  # spacing of the places from which some are chosen
-_DIRECTIONS = 8  # in which the visibility of a disc is tested
+_CANDIDATE_SPACING = 0.5  # spacing of the points from which positions are chosen
+_DIRECTIONS = 8  # number of points on a circle at which visibility is tested
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
         return spread.with_spacing(spacing)
     finer = np.arange(spread.count(_CANDIDATE_SPACING * spacing))
     sights = _sights(spread.points[finer], spacing / 2, eye)
-    # invisible places are included because the surface may turn
+    # invisible points are included because the surface may turn
     candidates = finer[(sights > 0) | (finer < spread.count(spacing))]
     order = candidates[np.argsort(-sights[candidates], kind="stable")]
     return spread.points[spread.thinned(order, spacing)]

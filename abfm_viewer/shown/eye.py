@@ -17,7 +17,7 @@ class Eye:
     """A viewpoint: position and axes of the viewer, in units of sqrt(area) of the surface."""
 
     axes: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
-    place: FloatArray | None = None  # (3,) of a perspective; None for a parallel projection
+    place: FloatArray | None = None  # (3,), position in perspective; None for a parallel projection
 
     def towards(self, places: FloatArray) -> FloatArray:
         """Return unit vectors from points (..., 3) towards the viewer."""

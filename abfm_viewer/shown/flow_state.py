@@ -13,7 +13,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import EXTRAPOLATION
 
-_VALUE_MAX = 1e37  # single precision
+_VALUE_MAX = 1e37  # largest value that is shown, because of single precision
 _SEQUENCE_LINE = 0.5  # length of flow lines of sequences, in sqrt(area)
 
 
@@ -28,12 +28,12 @@ class FlowState:
     mesh: TriangleMesh
     field: FloatArray | Callable[[], FloatArray]
     parameters: Parameters
-    final: bool = True  # a result, not an iterate
+    final: bool = True  # whether this is a result, not an iterate
     problem: abfm.Problem | None = None  # the solved problem, with its source on finer meshes
     fields: int = 1  # N, used while the field is not yet read
-    initial: abfm.maps.PointMap | None = None  # of two surfaces, from B to A
+    initial: abfm.maps.PointMap | None = None  # initial map of two surfaces, from B to A
     reach: float = EXTRAPOLATION  # length of the time bar, in units of tau
-    motion: float = 1.0  # share of the motion in the frames between two of a sequence
+    motion: float = 1.0  # share of motion in interpolated frames of a sequence, 0 to 1
 
     @property
     def count(self) -> int:

@@ -15,7 +15,7 @@ from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.shown.flow_state import FlowState
 
-_TIMES = 9  # computed in each interval; other times are blends of these
+_TIMES = 9  # number of times computed in each interval; others are blends
 _CACHED_NUMBERS_MAX = 30_000_000  # numbers in the cache, in single precision
 
 

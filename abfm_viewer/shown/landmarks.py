@@ -21,7 +21,7 @@ from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.ribbons import outward
 from abfm_viewer.shown.shown_flow import ShownFlow
 
-_TIMES = 41  # tau is one of them
+_TIMES = 41  # number of times of paths; tau is one of them
 _DEPTH_TOLERANCE = 0.01  # of sqrt(area): a point less far behind a face is not hidden by it
 
 
@@ -30,7 +30,7 @@ class LandmarkPoints:
     """Positions of P landmarks on a surface."""
 
     mesh: TriangleMesh
-    numbers: tuple[int, ...]  # of the landmarks, from 0
+    numbers: tuple[int, ...]  # numbers of the landmarks, from 0
     places: FloatArray  # (P, 3)
     normals: FloatArray  # (P, 3)
 
@@ -71,7 +71,7 @@ class LandmarkPaths:
         return cls(times, points)
 
     def at(self, time: float, numbers: tuple[int, ...]) -> LandmarkPoints:
-        """Return the points at a time, linearly interpolated, as landmarks of these numbers."""
+        """Return the points at a time, linearly interpolated, for landmarks ``numbers``."""
         after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1))
         begin, end = self.times[after - 1 : after + 1]
         before, then = (LandmarkPoints.at(self.points[k], numbers) for k in (after - 1, after))

@@ -31,11 +31,11 @@ from abfm_viewer.shown.shown import Shown
 COMPUTING_SUFFIX = ": computing"  # suffix of the title of a surface whose values are being computed
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _RANGE_MIN = 1e-12
-_RANGE_TOLERANCE = 0.02  # of a range: values farther outside are noted in the title
+_RANGE_TOLERANCE = 0.02  # share of the range; values farther outside are noted in the title
 # titles of the colour bars if the functions on A and B have different units
 _UNIT_OF_A_TITLE = "function on A, in its own unit"
 _DEVIATIONS_TITLE = "function, in standard deviations"
-_SQUARES = 20  # of a checkerboard, across the front view of a mesh
+_SQUARES = 20  # number of checkerboard squares across the front view of a mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +43,14 @@ class Paint:
     """Values and colours that a surface shows, with the titles of its picture and colour bar."""
 
     kind: PaintKind
-    # (V,), (F,), linear colours (V, 3), checkerboard coordinates (V, 2), texture (size, size, 3)
+    # by kind: (V,), (F,), linear colours (V, 3), coordinates (V, 2), or texture (size, size, 3)
     values: FloatArray | NDArray[np.float32]
-    title: str  # of the label above the surface
-    colors: ColorRange | None = None  # of a function; None if the values are colours
+    title: str  # text above the surface
+    colors: ColorRange | None = None  # colours of a function; None if the values are colours
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
     corners: FloatArray | None = None  # (3F, 2): texture coordinates of the corners
-    is_dark: bool = False  # a checkerboard for a dark background
-    mesh: TriangleMesh | None = None  # of the values; None for that of the surface
+    is_dark: bool = False  # whether a checkerboard is for a dark background
+    mesh: TriangleMesh | None = None  # mesh of the values; None for that of the surface
     # (V,) or (F,): where the function has no measured values; drawn grey
     unknown: BoolArray | None = None
 
@@ -59,7 +59,7 @@ class Painter:
     """Makes the paint of each surface; a paint is the same object until its inputs change."""
 
     def __init__(self, shown: Shown) -> None:
-        self.largest_error: float | None = None  # fixes the range of a movie
+        self.largest_error: float | None = None  # end of the colour range in a movie
         self._shown, self._session = shown, shown.session
         self._memos: dict[str, Memo[Paint]] = defaultdict(Memo)
         self._unknowns: dict[str, Memo[BoolArray | None]] = defaultdict(Memo)
@@ -124,7 +124,7 @@ class Painter:
                 return paint
         if side == "target" or session.work.flow_values(side) is session.values(side):
             return self._function(side, values, title, colors)
-        if (on_a := session.values(side)) is None:  # ``values`` are transferred, and so on B
+        if (on_a := session.values(side)) is None:  # ``values`` are on B, as they were transferred
             return None
         if session.work.flow_values("target") is session.values("target"):
             return self._function(side, on_a, title, colors)

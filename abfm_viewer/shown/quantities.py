@@ -25,16 +25,16 @@ from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.shown_flow import ShownFlow
 
 _COMMUTING_VERTICES_MAX = 15_000  # commuting fields then take 20 s and 1 GB
-# along a side; fewer in the window, where textures change often
+# texels along a side of a texture; fewer in the window, where textures change often
 TEXELS = 1024
 _TEXELS_OF_PICTURES = 2048
 _TEXELS_PER_FACE_MIN = 12
 _TEXELS_MAX = 16384
 _PHASES = 16  # computed phases of moving streaks; others are blends of these
-_SHOWN_PHASES = 32  # of moving streaks in the window
+_SHOWN_PHASES = 32  # phases of moving streaks that the window distinguishes
 _SHARE_TOLERANCE = 1e-6
 _FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
-_SPEED_MAX = 1e30  # single precision of graphics cards
+_SPEED_MAX = 1e30  # largest speed that is shown, because of single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class Field:
     mesh: TriangleMesh
     velocity: FloatArray  # (F, 3), in the input's units
     speed: FloatArray  # (F,)
-    shares: dict[FieldPart, float] = field(default_factory=dict)  # of the squared norm
-    unit: str = "the mesh's length per time"  # of the speed
+    shares: dict[FieldPart, float] = field(default_factory=dict)  # parts of the squared norm
+    unit: str = "the mesh's length per time"  # unit of the speed
     interval_field: FloatArray | None = None  # field of the interval of a sequence
     part: FieldPart = "complete"
     note: str = ""  # for the user
-    dimension: int = 1  # power of the length in the unit
+    dimension: int = 1  # exponent of length in the unit
     fast: float = 0.0  # speed of the longest arrows; 0 for `fast_speed` of this field alone
 
     def relative_speed(self) -> tuple[FloatArray, str]:
@@ -145,7 +145,7 @@ class Streaks:
     field: Field
     atlas: abfm.streaks.TextureAtlas
     images: NDArray[np.uint8]  # (P, size, size), 0 to 255
-    options: tuple[bool, bool] = (False, False)  # whether they fade, and move
+    options: tuple[bool, bool] = (False, False)  # whether streaks fade, and move
 
     def at(self, phase: float) -> NDArray[np.uint8]:
         """Return the texture (size, size) at a phase from 0 to 1, blended from two phases."""

@@ -30,7 +30,7 @@ from abfm_viewer.shown.quantities import (
 )
 from abfm_viewer.shown.shown_flow import ShownFlow
 
-_STREAKS_BYTES_MAX = 300_000_000  # of cached streaks of intervals
+_STREAKS_BYTES_MAX = 300_000_000  # largest size of all cached streaks
 
 
 def _sequence_document(session: Session) -> SequenceDocument:
@@ -147,7 +147,7 @@ class SequenceQuantities(FieldQuantities):
         is_of_sequence = last is not None and last.field.interval_field is not None
         if last is not None and is_of_sequence and last.field.mesh is field.mesh:
             if any(each.field.mesh is not field.mesh for each in cache.values()):
-                cache.clear()  # of another sequence
+                cache.clear()  # streaks of another sequence
             cache[_key_of(last.field, last.options)] = last
             while len(cache) > max(_STREAKS_BYTES_MAX // last.images.nbytes, 4):
                 cache.popitem(last=False)

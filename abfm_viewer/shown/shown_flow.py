@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 _TIMES = 61
 _TIMES_WHILE_SOLVING = 17
-_SPAN_NUMBERS_MAX = 60_000_000  # numbers in a span, as float32
+_SPAN_NUMBERS_MAX = 60_000_000  # largest count of numbers in a span, as float32
 _SETTLE_SECONDS = 0.15  # seconds without a change of time before exact values are computed
 
 
 ValuesAtTimes: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
-"""Function of a flow, initial values and times (T,), which returns values (T, ...)."""
+"""Function of a flow, values at time 0 and times (T,), which returns values (T, ...)."""
 
 
 @dataclass(frozen=True, eq=False)

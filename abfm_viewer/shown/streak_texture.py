@@ -10,7 +10,7 @@ from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import BoolArray, FloatArray, IndexArray
 
 SHADE = 0.72  # share by which the darkest streak darkens a colour, in linear light
-# levels of streaks without a function, in linear light
+# grey levels of streaks that are not coloured by a function, in linear light
 _BRIGHT_LEVEL = 0.85
 _DARK_LEVEL = 0.06
 _COLORS = 1024

@@ -41,7 +41,7 @@ PICTURES = (".png",)
 MOVIES = tuple(outputs.FPS_MAX)
 TABLES = (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
-"""Suffixes."""
+"""Suffixes of the files to which pictures, movies, tables and labels can be exported."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class PictureSettings:
 class MovieSettings:
     seconds: float = 4.0
     fps: float = 30.0
-    start: float = 0.0  # in units of tau, as the end
+    start: float = 0.0  # times of start and end, in units of tau
     end: float = 1.0
     turntable: float = 0.0  # rotation of the surfaces, in degrees
 

@@ -21,7 +21,7 @@ class Saves:
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
-        self._unsaved: dict[Identity, Document] = {}  # left without saving, or with a new result
+        self._unsaved: dict[Identity, Document] = {}  # replaced, or with a new result
         self._exported: dict[type[Document], Document] = {}
         self.record(editor.document, None)
 
