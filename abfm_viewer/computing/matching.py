@@ -87,7 +87,7 @@ class Snapshot:
     """The newest iterate of a problem, and the best iterate that has a picture (`shown`).
 
     The newest iterate is not always the best. For example, a new attempt of the solver starts with
-    a larger residual than the previous one ended with.
+    a larger residual than that of the previous attempt.
     """
 
     problem: ProblemSpec

@@ -67,7 +67,7 @@ class Process:
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return the result of a function that the subprocess calls; wait until it is computed.
+        """Call a function in the subprocess, wait until it ends, and return its result.
 
         ``on_partial`` is called with each partial result. If the subprocess ends during a call, the
         function is called again, at most ``tries`` times in all. If the subprocess ends each time,
@@ -151,7 +151,7 @@ class Run(Generic[Result]):
         recover: Callable[[], Result | None] = lambda: None,
         resumes: bool = False,
     ) -> None:
-        """Start ``work`` in a thread; it calls functions in the subprocess by `call`.
+        """Start ``work``, which calls functions in the subprocess by `call`, in a thread.
 
         When the run is over, `collect` passes the result to ``then``. After an error it passes the
         result of ``recover``. ``resumes`` is true if partial results of an earlier run exist.

@@ -85,7 +85,7 @@ class Editor:
         self.action_count += 1
 
     def seal(self) -> None:
-        """Make the next change a separate step of undo, even if it has the same key ``merge``."""
+        """Make the next change a separate step of undo, even if its key ``merge`` is the same."""
         if self.past:
             self.past[-1] = self.past[-1]._replace(merge="")
 
@@ -170,9 +170,9 @@ class Editor:
         self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
-        """Add a channel whose source and target are the same Gaussian, and make it active.
+        """Add a channel with Gaussians far from all others, and make it active.
 
-        The Gaussian is far from all others, so the channel keeps that place fixed in the match.
+        The match then keeps the place of these Gaussians fixed.
         """
         self._insert("add a channel", self.draft.new_channel())
 

@@ -46,7 +46,7 @@ class DocumentFunctions:
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
 
     def update(self, document: Document) -> None:
-        """Request the document's functions and collect computed values before each drawing."""
+        """Request the document's functions and collect their values; called before drawing."""
         before, self._evaluated = self._evaluated, {}
         for surface in document.surfaces:
             evaluating = self.of(surface.mesh)

@@ -36,7 +36,7 @@ class FoundTable(NamedTuple):
 
 
 def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
-    """Read a results table, and the document of the worst row that has something to show.
+    """Read a table of results, and open its worst row that can be shown.
 
     ``kind`` is the quantity by which subjects of a population are compared. An invalid table raises
     an `AbfmError`.
@@ -207,7 +207,7 @@ class Tables:
         self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
 
     def sort(self, column: Name) -> None:
-        """Sort by a column, first in descending order if it has numbers; then reverse the order."""
+        """Sort by a column, numbers descending and texts ascending; a second call reverses."""
         if column == self.column:
             self.falls = not self.falls
         else:

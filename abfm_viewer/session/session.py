@@ -93,7 +93,7 @@ class Session(Parts):
         self.editor.set_time(time)
 
     def show_step(self, step: int) -> None:
-        """Show another step of the continuation, and cancel a search for less distortion."""
+        """Show a step of the result's continuation; cancel a search for less distortion."""
         self.bound.stop()
         self.steps.show(step)
 
@@ -298,7 +298,7 @@ class Session(Parts):
         self._release_unused()
 
     def _release_unused(self) -> None:
-        """Free meshes that neither the history, unsaved documents, nor a run need."""
+        """Free the memory of meshes that undo, unsaved documents and the run do not need."""
         run = self._run.document if self.matching.running else self.document
         now = (self.document.identity, run.identity, self.editor.action_count)
         if now == self._needed:

@@ -352,7 +352,10 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
-        """Execute a request to read a file when nothing prevents it; on failure, offer a retry."""
+        """Start to read a file, after a question if a task is in progress.
+
+        If reading fails, the user is offered to try again.
+        """
         remedies = {"Try again": partial(self._load, load)} | self._action(load.other)
         begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
         self.when_free(load.what, begin)

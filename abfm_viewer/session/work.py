@@ -218,7 +218,7 @@ class MatchWork(Work):
 
     @property
     def outdated(self) -> bool:
-        """Whether the document's inputs have changed since its result; False without a result.
+        """Whether the document's inputs differ from those of the result; False without a result.
 
         While values of changed functions are computed, the property keeps its last value. For two
         surfaces, the inputs of the initial map are compared.

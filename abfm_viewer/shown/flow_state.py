@@ -101,7 +101,7 @@ class FlowState:
         return advected
 
     def _advected(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect a function; on the finer mesh of the match if the function is its source."""
+        """Advect a function; the source of a match is advected on the finer mesh, if any."""
         flow = self.flow
         channels = () if self.problem is None or not flow.refined else self.problem.source.T
         for channel, source in enumerate(channels):

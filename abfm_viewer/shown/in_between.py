@@ -101,7 +101,7 @@ class InBetween:
         return self._cache[key][1] if key in self._cache else None
 
     def _store(self) -> None:
-        """Move the latest computed interval to the cache; drop the least recently used ones."""
+        """Move the latest computed interval to the cache; drop intervals unused for longest."""
         inputs, value = self._found.key, self._found.value
         if not isinstance(inputs, tuple) or value is None:
             return

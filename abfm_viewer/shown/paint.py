@@ -66,7 +66,7 @@ class Painter:
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
-        """Return the paint of a surface, such as "advected"; None if its values are unknown yet."""
+        """Return the paint of a surface, such as "advected"; None until its values are known."""
         session = self._session
         side = next((side for side in SIDES if side == name), None)
         if side and session.work.error(side):
@@ -163,7 +163,7 @@ class Painter:
         return self._unknowns[name].get(inputs, find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
-        """Return the paint of a function on the finer mesh of a match; None if it is not shown."""
+        """Return the paint of a function on a match's finer mesh; None if that is not shown."""
         flow, is_side = self._shown.flow, name in SIDES
         is_function = is_side or (name == "advected" and self._session.view.coloring == "function")
         found = flow.on_finer_mesh(name) if is_function else None
@@ -267,7 +267,10 @@ class Painter:
         return self._memos[name].get((coordinates, kind, front, title, theme), make)
 
     def _labels(self, name: str, title: str) -> Paint | None:
-        """Return the paint of labels, moved by the flow except on source and target; or None."""
+        """Return the paint of the labels of regions; None if they are unknown.
+
+        The flow moves the labels, except on source and target.
+        """
         labels, is_moved = self._session.document.labels, name not in SIDES
         if labels is None:
             return None

@@ -235,7 +235,7 @@ class FieldQuantities(Jobs):
         return self._streaks.busy
 
     def field(self) -> Field | None:
-        """Return the field at the shown time, or its part in the view; None before it is known."""
+        """Return the field, or its selected part, at the shown time; None before it is known."""
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part
         if flow is None:
             return None
@@ -325,9 +325,10 @@ class FieldQuantities(Jobs):
         return self._texture.newest(subject, colored, streaks, phase, values, colors, unknown)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return streaks along a field, or None, preceded by a key that identifies their subject.
+        """Return a key, and the streaks along a field, or None while they are computed.
 
-        As long as the key stays the same, an earlier texture is shown until a new one is computed.
+        An earlier texture with the same key is shown until the texture of these streaks is
+        computed.
         """
         size = _TEXELS_OF_PICTURES if self.at_once else TEXELS
         return field, self._streaks.newest(field, convolved, field, size, fade, moving)

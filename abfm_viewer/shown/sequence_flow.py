@@ -133,10 +133,10 @@ class SequenceQuantities(FieldQuantities):
         return self._fast_in.newest(document.sequence, fast_speed_of, document.result)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return the streaks of an interval and, before them, a key that identifies their sequence.
+        """Return the mesh, and the streaks of an interval, which are cached to be shown again.
 
-        Streaks are cached, since intervals are often shown again. While streaks are computed, those
-        of an earlier interval are returned; while the sequence is played, None.
+        While streaks are computed, those of an earlier interval are returned; while the sequence is
+        played, None.
         """
         cache, key = self._cached_streaks, _key_of(field, (fade, moving))
         if key in cache:

@@ -15,7 +15,7 @@ from abfm_viewer.shown.tracks import ShownTracks
 class Shown:
     """Flow, quantities, landmarks, tracks and transport for the pictures of a session.
 
-    Flow and quantities are of the class for the kind of the current document.
+    Sequences of frames have other classes for flow and quantities than other documents.
     """
 
     def __init__(self, session: Session) -> None:

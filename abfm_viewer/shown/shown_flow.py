@@ -71,7 +71,7 @@ def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = adve
 
 
 class AtShownTime:
-    """Computes a function at the shown time; it is the same array until its inputs change.
+    """Computes a function at the shown time; the array stays the same until its inputs change.
 
     ``values_at`` computes the function at given times, by default by advection along the flow.
     """
@@ -90,7 +90,7 @@ class AtShownTime:
 
     @property
     def error(self) -> str:
-        """Reason why there are no values, or none after tau; empty if the time bar is covered."""
+        """Reason why values are missing at all times or after tau; empty if none are missing."""
         return self._span.error or (self._span.value.note if self._span.value else "")
 
     def _newest_span(self, state: FlowState, function: FloatArray) -> Span | None:
@@ -216,7 +216,7 @@ class ShownFlow(Jobs):
         """Return the finer mesh of a match, and a function (V,) on it; None if it is not shown.
 
         ``name`` is "source", "target" or "advected". The result is also None if the match has no
-        finer mesh, and before the values are known.
+        finer mesh, and before the values of the function are known.
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
