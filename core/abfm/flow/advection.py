@@ -26,14 +26,14 @@ class LinearisedFlow:
         self.pattern, self.values = pattern, pattern.values(v)
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) by one step of length ``t``; return it with the data for `backward`."""
+        """Return ``f`` (V,) advected by one step of length ``t``, with the data for `backward`."""
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint of `forward` to ``mu`` (V,), a derivative by the advected function.
+        """Apply the adjoint of `forward` to the derivative ``mu`` (V,) of an energy by its result.
 
-        Add the derivative by the field (Eq. 8), ``-t D̄_f^T mu``, to ``gradient`` (F, 2). Return
-        the derivative by ``f``, ``(id - t D_v)^T mu``.
+        Add the energy's derivative by the field (Eq. 8), ``-t D̄_f^T mu``, to ``gradient`` (F, 2).
+        Return its derivative by ``f``, ``(id - t D_v)^T mu``.
         """
         pattern = self.pattern
         start, dual = pattern.restricted(trajectory.segments[0].start), pattern.restricted_dual(mu)
@@ -82,10 +82,10 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative of a number by the fields to ``gradient`` (N, F, 2).
+        """Add the derivative of an energy by the fields to ``gradient`` (N, F, 2).
 
-        ``mu`` (V,) is the derivative of this number by the advected function, and ``trajectories``
-        are the result of `forward`.
+        ``mu`` (V,) is the energy's derivative by the advected function, and ``trajectories`` are
+        the result of `forward`.
         """
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])

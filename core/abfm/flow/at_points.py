@@ -48,7 +48,7 @@ def straightest_geodesics(
 
 @per_mesh
 def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
-    """Return the data for geodesics on a mesh, with a zero field, as they do not need one."""
+    """Return the mesh data that geodesics need, as a `SmoothFlow` with a zero field."""
     return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
 
 

@@ -101,10 +101,7 @@ class ContinuousFlow:
         return self._walked(start, spans)
 
     def _spans(self, begin: float, end: float) -> list[tuple[int, float]]:
-        """Return the fields that are active between two ascending times.
-
-        Each item has the index of a field and its duration.
-        """
+        """Return pairs (index of a field, duration) for the fields between two ascending times."""
         if not 0 <= begin <= end < math.inf:
             raise ParameterError(
                 f"flow lines start at time {begin:g} and end at time {end:g}; expected finite "

@@ -61,11 +61,11 @@ class DerivativePattern:
         return len(self.indptr) - 1
 
     def restricted(self, f: FloatArray) -> FloatArray:
-        """Return a function (V,) in the pattern's order, as means over clusters if it has any."""
+        """Return a function (V,) in the pattern's order, as means over clusters if they exist."""
         return f[self.order] if self.shares is None else self._summed(self.shares * f)
 
     def extended(self, f: FloatArray) -> FloatArray:
-        """Return the values (V,) at the vertices of a function in the pattern's order."""
+        """Return a function in the pattern's order as values at the vertices of the mesh, (V,)."""
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
@@ -98,7 +98,7 @@ class DerivativePattern:
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
         """Convert derivatives by the entries of ``D_v`` to derivatives by v.
 
-        ``entries`` (G, 7) are the derivatives of a number; its derivatives by v are added to
+        ``entries`` (G, 7) are the derivatives of an energy; its derivatives by v are added to
         ``out`` (F, 2).
         """
         assemble_transposed(self.assembly, entries.ravel(), out)

@@ -105,10 +105,7 @@ class Workspace:
 
     @cached_property
     def terms(self) -> FloatArray:
-        """Memory for stored terms, one per row: (capacity and two blocks, size).
-
-        It is allocated when terms are stored for a derivative for the first time.
-        """
+        """Memory for stored terms (capacity and two blocks, size), allocated when first needed."""
         return np.empty((self.capacity + 2 * self.block, self.size))
 
     def fits(self, rows: int) -> bool:
@@ -137,7 +134,7 @@ def _bessel_coefficients(x: float) -> FloatArray:
 
 @dataclass
 class Segment:
-    """One segment of an advection: its first function, and the number of terms of its series.
+    """One segment of an advection: the function at its start, and the count of terms of its series.
 
     The stored terms, if any, are valid while the workspace has the same generation.
     """
@@ -187,7 +184,7 @@ class ExponentialFlow:
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _BOUND_MIN))) / 64))
 
     def transposed(self) -> ExponentialFlow:
-        """Return the action of ``exp(-t D_v^T)``; it does not support clusters."""
+        """Return the flow ``exp(-t D_v^T)`` of the transpose, which does not support clusters."""
         flow = copy(self)
         flow.values = self.pattern.transposed(self.values)
         return flow
@@ -257,10 +254,10 @@ class ExponentialFlow:
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint of `forward` to ``mu`` (V,), a derivative by the advected function.
+        """Apply the adjoint of `forward` to the derivative ``mu`` (V,) of an energy by its result.
 
-        Add the derivative by the field ``v`` to ``gradient`` (F, 2), and return the derivative by
-        ``f``.
+        Add the energy's derivative by the field to ``gradient`` (F, 2), and return its derivative
+        by the function f.
         """
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)
@@ -442,8 +439,8 @@ def _backward_rows(
 ) -> None:
     """Compute the adjoint of term k of a series on a block of rows; ``place`` is (k, block).
 
-    ``duals`` has the derivative by the sum, and memory for the results of the last three terms.
-    Derivatives by the entries of the matrix are added to ``entries``.
+    ``duals`` has the derivative of an energy by the sum, and memory for the results of the last
+    three terms. Derivatives by the entries of the matrix are added to ``entries``.
     """
     (k, block), (mu, work) = place, duals
     indptr, indices, transposed, bounds = (
@@ -470,10 +467,11 @@ def _backward_rows(
 def chebyshev_backward(
     series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Apply the adjoint of a series of ``count`` terms to ``mu`` (V,), a derivative by its sum.
+    """Apply the adjoint of a series of ``count`` terms to ``mu`` (V,).
 
-    Return the derivative by the function. ``series`` has the entries of the transposed matrix; the
-    derivative by them is added to ``entries``. ``terms`` are those of `chebyshev_forward`.
+    ``mu`` is the derivative of an energy by the sum of the series. Return the energy's derivative
+    by the function. ``series`` has the entries of the transposed matrix; the derivative by them is
+    added to ``entries``. ``terms`` are those of `chebyshev_forward`.
     """
     blocks, mu = series.bounds.size - 1, _without_negligible(mu)
     most = _SWEEP if blocks > 1 else 1

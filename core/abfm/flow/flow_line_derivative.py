@@ -95,10 +95,10 @@ class FlowLineDerivative:
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
 
     def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
-        """Return the derivative (N, F, 2) of a number by the fields.
+        """Return the derivative (N, F, 2) of an energy by the fields.
 
-        ``slopes`` (L, 2) are the derivatives of this number by the end points of ``walk``, in the
-        local frames of their faces.
+        ``slopes`` (L, 2) are the energy's derivatives by the end points of ``walk``, in the local
+        frames of their faces.
         """
         slopes = slopes.copy()
         found = np.empty((len(walk.tapes), len(self.mesh.faces), 2))
@@ -323,7 +323,7 @@ def follow(
 
 @kernel
 def backpropagate(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
-    """Propagate the derivative of a number from the ends of L flow lines back to their starts.
+    """Propagate the derivative of an energy from the ends of L flow lines back to their starts.
 
     ``slopes`` (L, 2) has the derivatives by the ends, and receives those by the starts. The
     derivatives by the field's vectors at corners are added to ``at_corners`` (F, 3, 2).

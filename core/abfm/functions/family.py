@@ -15,10 +15,7 @@ from abfm.types import FloatArray
 
 
 class Spec(ABC):
-    """Specification of a function, without a mesh.
-
-    Parsing ``str(spec)`` gives an equal specification.
-    """
+    """Specification of a function without a mesh; parsing ``str(spec)`` gives an equal one."""
 
     @abstractmethod
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

@@ -41,7 +41,8 @@ def as_values(
     ----------
     mesh : TriangleMesh
     source : array or object
-        Values in one of the following forms. Of both hemispheres, that of the mesh is chosen.
+        Values in one of the following forms. If there are two hemispheres, that of the mesh is
+        chosen.
 
         - anything that NumPy converts to an array, also of PyTorch or PyVista; masked values are
           NaN

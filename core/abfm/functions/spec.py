@@ -143,7 +143,7 @@ def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -
         Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or the result of
         `abfm.functions.parse`. `abfm.functions.families` lists the families with their parameters.
     allow_missing : bool
-        Whether values from a file may be NaN at some vertices, but not at all.
+        Whether values from a file may be NaN at some vertices, but not at all of them.
 
     Raises
     ------
@@ -276,7 +276,7 @@ class _Parser:
         return self.text[start : self.position]
 
     def arguments(self) -> list[str]:
-        """Return the texts of arguments, which commas separate, up to the end of the term."""
+        """Return the texts between commas that separate arguments, up to the end of the term."""
         found, start, depth = [], self.position, 0
         while self.position < len(self.text):
             sign = self.text[self.position]

@@ -116,6 +116,8 @@ def read_values(
 ) -> Columns:
     """Read all columns of values from a file.
 
+    These formats can be read:
+
     - .npy, .npz, .mat (not version 7.3): arrays
     - text (.csv, .tsv, .txt and similar): numbers separated by semicolons, tabs, commas or blanks
       with an optional line of names. Commas are decimal if there is another separator. Blank cells

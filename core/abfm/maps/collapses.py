@@ -36,7 +36,7 @@ class Collapses(NamedTuple):
 
 
 def collapse(points: FloatArray, surface: Surface) -> Collapses:
-    """Collapse a closed surface of genus 0 with vertices (V, 3) to four vertices.
+    """Collapse a closed surface of genus 0 with vertices (V, 3) to four; return the collapses.
 
     ``surface`` is overwritten. Each round removes the cheapest vertices, no two of which are
     neighbours.
@@ -93,10 +93,7 @@ class _Workspace(NamedTuple):
 
 @unfused_kernel
 def _is_free(surface: Surface, slot: int, workspace: _Workspace) -> bool:
-    """Return whether the edge opposite the corner ``slot`` may be collapsed.
-
-    Its ends must have only two common neighbours.
-    """
+    """Return whether the ends of the edge opposite ``slot`` have only two common neighbours."""
     (faces, twins, _), (star, visits) = surface, workspace
     visits[-1] += 1
     for corner in star[: fill_star(star, twins, next_slot(slot))]:
@@ -140,8 +137,8 @@ def _collapse_round(
 ) -> int:
     """Remove the cheapest of the active vertices, no two of which are neighbours.
 
-    Write them and their slots to ``removed``, after the first ``done`` ones. Return the new count
-    of removed vertices.
+    Write them and the slots opposite the collapsed edges to ``removed``, after its first ``done``
+    columns. Return the new count of removed vertices.
     """
     faces, twins, corner_of = surface
     count = corner_of.size

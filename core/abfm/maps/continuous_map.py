@@ -129,10 +129,7 @@ def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatAr
 
 
 def _rotated(sphere: FloatArray, targets: FloatArray) -> FloatArray:
-    """Rotate vertices (V, 3) of the sphere as close to targets (V, 3) as possible.
-
-    Outliers have low weights.
-    """
+    """Rotate vertices (V, 3) of the sphere close to targets (V, 3); outliers have low weights."""
     weights = np.ones(len(sphere))
     for _ in range(_ROTATION_ITERATIONS):
         u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)

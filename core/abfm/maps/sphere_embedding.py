@@ -249,10 +249,7 @@ def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool
 
 @unfused_kernel
 def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
-    """Return whether no face at a vertex would be flipped if the vertex moved to ``place``.
-
-    ``star`` has the corners at the vertex.
-    """
+    """Return whether no face with a corner in ``star`` flips if its vertex moves to ``place``."""
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
         b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]

@@ -51,10 +51,7 @@ def set_moves(
 def average(
     surface: Surface, rounds: int, active: IntArray, pull: MoveArrays, star: IntArray
 ) -> None:
-    """Replace the move of each active vertex by a mean over it and its neighbours.
-
-    This is repeated ``rounds`` times. ``star`` is temporary memory.
-    """
+    """Replace each active vertex's move by a mean over it and its neighbours, ``rounds`` times."""
     faces, twins, corner_of = surface
     moves, spare = pull.moves, pull.spare
     for _ in range(rounds):
@@ -92,7 +89,7 @@ def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Works
 def _reduce_shares(
     state: Embedding, active: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
 ) -> bool:
-    """Multiply the shares of the moves of the corners of flipped faces by ``factor``.
+    """Shorten the moves of corners of faces that they would flip, by ``factor``.
 
     A face whose volume becomes too small also counts as flipped. Return whether there are such
     faces.

@@ -40,8 +40,8 @@ _CHUNK = 8192  # number of points between two checks whether the task is paused 
 def sphere_directions(mesh: TriangleMesh) -> FloatArray:
     """Return the unit vectors (V, 3) from the centre of a spherical mesh to its vertices.
 
-    Raises an AbfmError if the vertices do not surround the centre once. Their distances from it
-    must be equal, with a tolerance of 2%.
+    Raises an AbfmError if distances of the vertices from the centre differ by more than 2% from
+    their mean. It is also raised if the faces do not cover the sphere once.
     """
     directions = _directions(mesh)
     if isinstance(directions, str):

@@ -28,7 +28,7 @@ class SpreadPoints:
     normals: FloatArray  # (P, 3), normals interpolated smoothly between faces
 
     def with_spacing(self, spacing: float) -> SurfacePoints:
-        """Return the points up to which all distances are at least ``spacing``, in sqrt(area).
+        """Return the first points, as many as are at least ``spacing`` apart, in sqrt(area).
 
         Every point of the surface is within about the same distance of one of these points. The
         smallest possible spacing is ``SPACING_MIN``. The points for a larger spacing are a subset
@@ -37,7 +37,7 @@ class SpreadPoints:
         return self.points[np.arange(self.count(spacing))]
 
     def count(self, spacing: float) -> int:
-        """Return the number of the first points whose distances are at least ``spacing``."""
+        """Return the number of points that `with_spacing` returns."""
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:
@@ -95,9 +95,9 @@ def _farthest_first(
 ) -> tuple[IndexArray, FloatArray]:
     """Order positions (n, 3) so that each is the farthest from all positions before it.
 
-    Return the m first items of this order from ``numbers`` (n,), which number the positions. Also
-    return their gaps (m,), the distances from the positions before, which descend to
-    ``SPACING_MIN``. The order begins with number 0.
+    Return the ``numbers`` of the first m positions in this order, and their gaps (m,). A gap is the
+    distance from the nearest position before; gaps descend to ``SPACING_MIN``. The order begins
+    with number 0.
 
     Positions are sorted by their coordinate along ``axis``. The next chosen position has the
     largest distance of all positions from the chosen ones. It therefore reduces the distances only
@@ -136,8 +136,8 @@ def _farthest_first(
 def _select(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
     """Select positions at least ``spacing`` apart from ``places`` (n, 3), in their order.
 
-    Write their indices to ``taken``, and return their count. Positions on opposite sides of a thin
-    part, by their normals, may be closer.
+    Write their indices to ``taken``, and return their count. Positions with opposite normals, as on
+    both sides of a thin part, may be closer.
     """
     count = 0
     for i in range(len(places)):

@@ -1,8 +1,8 @@
 """Moves of single vertices of a mesh that reduce the energy of the faces around them.
 
-The energy of a face is a sum of products ``D phi(V)``. D and V depend on the position of a corner.
-D is the face's Dirichlet energy, which is quadratic. V is the face's area or volume, which is
-treated as linear. Kernels with two axes work in the plane that the axes span.
+The energy of a face is a sum of products ``D phi(V)``. D is the face's Dirichlet energy, which is
+quadratic in the position of a corner. V is the face's area or volume, which is treated as linear,
+and phi a function of V. Kernels with two axes work in the plane that the axes span.
 """
 
 from typing import NamedTuple

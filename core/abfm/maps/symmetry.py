@@ -151,12 +151,11 @@ def _search(mesh: TriangleMesh, kind: SymmetryKind, order: int) -> Symmetry:
     vertices, scale = mesh.vertices, mesh.length_scale
 
     def gap(s: Symmetry) -> float:
-        """Return the error in sqrt(area), between vertices if the symmetry permutes them."""
+        """Return the error of a symmetry, in sqrt(area); between vertices if they are permuted."""
         offsets = s.apply(vertices) - vertices[s.vertex_map]
         return float(np.linalg.norm(offsets, axis=1).max()) / scale if exact else s.error
 
     def motion(s: Symmetry) -> float:
-        """Return the mean squared displacement of the vertices by a symmetry."""
         return float(((s.apply(vertices) - vertices) ** 2).sum(axis=1).mean())
 
     gaps = [gap(s) for s in exact or tried]

@@ -268,10 +268,7 @@ def put(charts: FloatArray, f: Face, x: float, y: float, place: FloatArray) -> N
 
 @kernel
 def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
-    """Return the coordinates of a point in the local frame of face ``f``.
-
-    ``b`` (3,) are the barycentric weights of the point.
-    """
+    """Return the coordinates in the local frame of face ``f`` of a point with weights ``b``."""
     g = lines.flow.gradients
     area = g[f, 1, 0] * g[f, 2, 1] - g[f, 1, 1] * g[f, 2, 0]
     x, y = b[1] * g[f, 2, 1] - b[2] * g[f, 1, 1], b[2] * g[f, 1, 0] - b[1] * g[f, 2, 0]
@@ -280,9 +277,9 @@ def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
 
 @kernel
 def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
-    """Return the noise from index ``start`` on, convolved with the weights of one image.
+    """Return the sum of noise, from index ``start`` on, times the weights of one image.
 
-    ``picture`` is the index of the image. The sum is computed in four parallel lanes.
+    ``picture`` is the index of the image. The sum is computed as four partial sums.
     """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     count = weights.shape[1]

@@ -141,10 +141,7 @@ def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArr
 
 @kernel
 def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
-    """Place rectangles of descending height on shelves of a square; return whether all fit.
-
-    Write their corners to ``corners`` (n, 2).
-    """
+    """Place rectangles of descending height on shelves of a square; return whether all fit."""
     x, y, shelf = 0, 0, 0
     for i in range(sides.shape[0]):
         width, height = sides[i, 0], sides[i, 1]
