@@ -23,7 +23,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
 
 RowState = Literal["done", "failed", "missing"]
-"""State of a row: "done" with a result, "failed" in the last attempt, or "missing" without one."""
+"""State of a row: "done" if it has a result, "failed" if its last attempt failed, or "missing"."""
 _LEDGER_BYTES_MAX = 256 << 20  # size of a ledger file
 _REASON_LENGTH_MAX = 400
 _NAME = re.compile("[0-9a-f]{1,128}")  # keys and digests, which become file names
@@ -62,7 +62,7 @@ class Record:
 
 @dataclass(frozen=True)
 class LedgerEntry:
-    """A row with its state and its record."""
+    """The state and the record of a row, as the ledger reports them."""
 
     row: Row
     state: RowState
@@ -248,7 +248,7 @@ class Ledger:
 
 
 def _row_and_key(entry: Any) -> tuple[Row, str]:
-    """Return a row and its key from an item of `Ledger.write_rows`; ValueError if it is damaged."""
+    """Return the row and the key in an item of the stored list; ValueError if it is damaged."""
     try:
         name, folder, key = (entry[each] for each in ("name", "folder", "key"))
         options = [(column, text) for column, text in entry["options"]]

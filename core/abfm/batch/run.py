@@ -26,8 +26,8 @@ from abfm.workers.worker import WorkerEndedError
 TRIES = 3  # maximum number of attempts to solve a row whose process dies
 ENDED_MESSAGE = f"its process ended {TRIES} times, possibly because of too little memory"
 ROWS_READ_MIN = 500
-"""Number of rows whose entries are read even if the run is already cancelled. Reading the entries
-of many rows takes long.
+"""Number of rows whose entries are read even if the run is already cancelled. Others are then
+reported as missing, because reading the entries of many rows takes long.
 """
 VALUES_SUBMITTED_MAX = 256
 """Number of computations that are submitted at once. Their results stay in memory until the caller
@@ -61,7 +61,7 @@ def run(
     cluster : Cluster, optional
         Workers that solve the rows; by default the cores of this machine.
     on_change : callable
-        Function that is called, in this thread, with each new entry.
+        Function that is called, in this thread, with each new ledger entry.
     control : Control, optional
         Object that cancels the run. Rows in progress are then abandoned and reported as missing.
 

@@ -99,8 +99,8 @@ def maps(
 ) -> tuple[SurfaceMap, SurfaceMap]:
     """Return the initial and the registered map from the template to a subject.
 
-    The registered map follows the flow of the mean field, then the flow of the subject backwards,
-    and then the initial map.
+    The registered map follows the flow of the mean field (``shift``), then the flow of the subject
+    backwards, and then the initial map.
     """
     match, initial = found.match, found.initial.on_surfaces(surface, template)
     lines = ContinuousFlow(template, match.fine_velocity, match.parameters.tau)

@@ -14,12 +14,12 @@ from abfm.population.statistics import LeaveOneOut, Shares, correlation, relativ
 from abfm.types import BoolArray, FloatArray
 
 SUBJECTS_MIN = 5
-"""Minimum number of subjects for a comparison with the usual differences. With fewer subjects,
-none is excluded because it differs from the others.
+"""Minimum number of subjects for a comparison with the usual differences. With fewer subjects, a
+difference from the others excludes none of them.
 """
 ROBUST_Z = 3.5
-"""Robust z-score (distance from the median in standard deviations, by the MAD) beyond which a
-subject is an outlier [Iglewicz and Hoaglin 1993].
+"""Robust z-score beyond which a subject is an outlier [Iglewicz and Hoaglin 1993]. The score is the
+distance from the median, divided by the standard deviation that the MAD estimates.
 """
 _NORMAL_MAD_RATIO = 1.4826  # standard deviation / median absolute deviation, if normal
 _SPREAD_MIN = 0.02  # minimum standard deviation of z-transformed correlations and logarithms

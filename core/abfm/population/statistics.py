@@ -26,13 +26,13 @@ class Phase(NamedTuple):
     """Parts of the variance over subjects, per area; ``total = phase + amplitude``, or NaN."""
 
     total: float
-    phase: float
-    amplitude: float
+    phase: float  # part by variation of position
+    amplitude: float  # part by variation of value
     factor: float  # C_R: ratio of mean squares before and after registration
 
 
 def mean(values: Subjects, shares: Subjects) -> FloatArray:
-    """Return the mean over subjects, (V,); NaN where all shares are 0."""
+    """Return the mean over subjects, weighted by shares, (V,); NaN where all shares are 0."""
     return LeaveOneOut.of(values, shares).mean()
 
 
@@ -76,7 +76,7 @@ class Shares(Sequence[FloatArray]):
 
 
 class LeaveOneOut(NamedTuple):
-    """Sums over all subjects, for means without one of them."""
+    """Sums over all subjects, from which means without one subject are computed."""
 
     values: Subjects
     shares: Subjects

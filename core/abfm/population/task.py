@@ -71,7 +71,7 @@ def _preview(path: Path) -> Preview:
 
 @dataclass(frozen=True)
 class PopulationTask(Task):
-    """Iterative registration of subjects to a template that computes their mean.
+    """Task of registering subjects to a template iteratively, and of computing their mean.
 
     The monitor's checkpoint is the folder into which the task writes the result and all
     registrations.

@@ -66,7 +66,7 @@ class PreparedRegistration(NamedTuple):
     initial: Correspondence
     problem: Problem
     notes: tuple[str, ...]
-    functions: FloatArray | None = None  # (V_A, C), functions of A, standardized as in the problem
+    functions: FloatArray | None = None  # (V_A, C), functions of A, scaled as in the problem
     warnings: tuple[str, ...] = ()  # reasons why the initial map may be wrong
 
     def with_match(self, match: Match) -> Registration:

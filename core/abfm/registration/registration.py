@@ -39,7 +39,7 @@ class Registration(Correspondence):
     notes : tuple of str
         Notes on the computation of initial map and match, a line each.
     functions : (V_A, C) array, optional
-        Functions of A, standardized as in the match; None if they are known on B only.
+        Functions of A, scaled as those of the match; None if they are known on B only.
     warnings : tuple of str
         Reasons why the initial map may be wrong, a line each. With such a warning the verdict is
         that the goal was not reached.

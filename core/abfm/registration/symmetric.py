@@ -146,7 +146,10 @@ def _lines(found: SymmetricRegistration) -> list[str]:
 
 @dataclass(frozen=True)
 class SymmetricTask(Task):
-    """Register A to B and B to A, and average both maps; ``key`` is the name of the result."""
+    """Task of registering A to B and B to A, and of averaging both maps.
+
+    ``key`` is the name of the result.
+    """
 
     forward: RegistrationTask
     backward: RegistrationTask

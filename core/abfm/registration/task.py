@@ -166,7 +166,7 @@ initial map.
 
 @dataclass(frozen=True)
 class RegistrationTask(Task):
-    """Register surface A to surface B."""
+    """Task of registering surface A to surface B."""
 
     a: TriangleMesh
     b: TriangleMesh

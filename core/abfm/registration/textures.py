@@ -162,7 +162,10 @@ def _texels(atlas: TextureAtlas) -> Iterator[tuple[IntArray, IntArray]]:
 
 
 def _sampled(image: Image, wraps: tuple[Wrap, Wrap], places: FloatArray) -> FloatArray:
-    """Return the colours (P, C) at positions (P, 2) of an image by bilinear interpolation."""
+    """Return the colours (P, C) at positions (P, 2) of an image by bilinear interpolation.
+
+    ``wraps`` continue the image beyond its edges, see `Texture`.
+    """
     height, width = image.shape[:2]
     x, y = places[:, 0] * width - 0.5, (1 - places[:, 1]) * height - 0.5
     left, top = np.floor(x), np.floor(y)

@@ -164,7 +164,10 @@ def number_input(
 
 
 def read_number(text: str, expected: str, is_valid: Callable[[float], bool]) -> float:
-    """Parse a finite number for which ``is_valid`` returns True, or raise ParameterError."""
+    """Parse a finite number for which ``is_valid`` returns True, or raise ParameterError.
+
+    ``expected`` describes such a number in the message, for example "above 0".
+    """
     try:
         number: float = parse_number(text)
     except ValueError:

@@ -28,9 +28,9 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Return the surface of a result file, and what ``functions`` computes from its arrays.
+    """Return the surface of a result file, with functions (V,) computed from its arrays.
 
-    ResultError if the file is damaged.
+    ``functions`` takes the arrays and returns these functions. ResultError if the file is damaged.
     """
     arrays = results.load_arrays(path, file)
     try:
@@ -53,7 +53,7 @@ class Result(Protocol):
 
 
 class Export(NamedTuple):
-    """A format of data files for results."""
+    """A file format to which results can be exported."""
 
     write: Callable[[Path, Any], object]
     """Write a result to a path. The function may return a text on data missing in the file."""
@@ -77,7 +77,7 @@ class ResultFile(NamedTuple):
     facts: Callable[[Path], Facts]
     """Read the facts without loading the complete file; raises the errors of `load`."""
     preview: Callable[[Path], Preview]
-    """Read the functions of a small picture; `Task.preview_labels` names them."""
+    """Read the functions for a small picture of a result; `Task.preview_labels` labels them."""
 
 
 def _advice(found: Any, result: str) -> str:

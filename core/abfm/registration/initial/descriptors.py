@@ -31,7 +31,7 @@ _COMMUTATOR_WEIGHT = 0.1  # weight of commuting with the Laplacian, relative to 
 
 
 class Hints(NamedTuple):
-    """Landmarks and functions on both surfaces, expressed by eigenfunctions."""
+    """Data that a map should preserve: landmarks and functions, expressed by eigenfunctions."""
 
     places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
     at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), values of eigenfunctions
@@ -85,7 +85,7 @@ def curvature_coefficients(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
-    """Return the coefficients (k, E) of wave kernel signatures at E energies, without means."""
+    """Return coefficients (k, E) of wave kernel signatures at E energies, minus their means."""
     pairs = min(128, len(mesh.vertices))
     energies = _energies(unit_eigenbasis(mesh, pairs)[0])
     found = [

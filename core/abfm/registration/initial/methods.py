@@ -299,4 +299,4 @@ METHODS = (
         _from_file,
     ),
 )
-"""All methods. With ``mirror`` A is reflected first, for example from left to right."""
+"""All methods for initial maps. With ``mirror`` A is reflected first, as for left and right."""

@@ -60,7 +60,7 @@ class SphereFunctions:
     weights: FloatArray | None = field(default=None)
 
     def averaged(self, cells: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return means over cells of the sphere, (C, n), and weights of the cells, (n,).
+        """Return the means of functions over cells of the sphere, (C, n), and cell weights, (n,).
 
         ``cells`` (n, 3) are the centres of the cells. A cell without a vertex has the values at its
         centre.

@@ -24,9 +24,9 @@ _WRONG_SIDE_COST = 1.0  # added if the orientation is wrong on most of the surfa
 class MapCost(NamedTuple):
     """Parts of the cost of a map; an isometry has energy 2, and descriptors and commutator 0."""
 
-    energy: float
-    descriptors: float
-    commutator: float
+    energy: float  # reversible harmonic energy
+    descriptors: float  # dissimilarity of descriptors
+    commutator: float  # relative commutator with the Laplacian
     side: float  # 1 if the map preserves the orientation everywhere, -1 if it reverses it
 
     def total(self, side: int = 1) -> float:

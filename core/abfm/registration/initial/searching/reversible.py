@@ -80,7 +80,7 @@ def relax(
 
 
 class _System:
-    """The linear system for the images of one surface's vertices, with one penalty."""
+    """The linear system for the images of one surface's vertices, for one penalty of `relax`."""
 
     def __init__(self, shape: CoarseShape, penalty: float) -> None:
         self._shape, self._penalty = shape, penalty

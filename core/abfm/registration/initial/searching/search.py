@@ -144,8 +144,8 @@ class Relaxed(NamedTuple):
     """A candidate for the initial map, after relaxation."""
 
     start: Start
-    found: TwoWayMap
-    cost: float
+    found: TwoWayMap  # map after relaxation
+    cost: float  # cost by `parts` and landmarks, and of a mirrored map
     parts: MapCost
     moved: float  # mean distance between the maps before and after, in sqrt(area)
 
