@@ -74,7 +74,7 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 
 
 def checked_period(circular: Any) -> float | None:
-    """Return the period in an argument ``circular``: 2 pi for True, None for False.
+    """Return the period in an argument ``circular``: 2 pi for True; None for False or None.
 
     Raises a ParameterError if the argument is neither a truth value nor a positive number.
     """

@@ -193,10 +193,10 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 
 
 def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return orthonormal axes (n, 3, 3), one set for each longest edge of each vertex.
+    """Return the vertices (n,) of the longest edges, and orthonormal axes (n, 3, 3) at each.
 
-    The first axis is along the edge, and the last one points inward. Also return the vertices (n,),
-    in ascending order; a vertex with several longest edges occurs several times.
+    Each vertex occurs once for each of its longest edges, in ascending order. The first axis is
+    along the edge, and the last one points inward.
     """
     one, other = mesh.edges.T
     owners, ends = np.r_[one, other], np.r_[other, one]
