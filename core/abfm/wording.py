@@ -25,7 +25,7 @@ def sentence(text: str) -> str:
 def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
     """Return a number with its noun: ``1 iteration``, ``2 iterations``.
 
-    ``plural`` replaces the noun with a final s, for example if a verb follows the noun.
+    ``plural`` is by default the noun with a final s. It may include a verb.
     """
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
@@ -44,7 +44,7 @@ def share(value: float) -> str:
 
 
 def number_text(value: float | None, digits: str = ".3f", unit: str = "") -> str:
-    """Return a number as text; ``-`` if it is None or NaN."""
+    """Return a number as text in the format ``digits``, with a unit; ``-`` if it is None or NaN."""
     return "-" if value is None or math.isnan(value) else f"{value:{digits}}{unit}"
 
 

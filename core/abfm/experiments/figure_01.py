@@ -1,4 +1,4 @@
-"""Figures 1 and 3: matches of a Gaussian to two Gaussians at distant places."""
+"""Figures 1 and 3: matches of a Gaussian to two distant Gaussians."""
 
 from collections.abc import Iterator
 
@@ -118,7 +118,7 @@ def match_one_to_two(
         mass /= mass.sum()
         return float(np.sqrt(mass @ (from_source - mass @ from_source) ** 2))
 
-    # While an advected bump moves, it stays high away from source and target. A blend only fades.
+    # Between source and target, an advected bump keeps its height, but a linear blend is low.
     shaded = np.maximum(f, g) < 0.5 * high
     heights = {method: h[:, shaded].max(initial=0.0) / high for method, h in methods.items()}
     spreads = {method: deviation(h[len(h) // 2]) / distance for method, h in methods.items()}

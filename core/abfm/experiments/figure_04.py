@@ -55,7 +55,7 @@ def figure_4(setup: FigureSetup) -> Script:
     velocity = fields.stream_field(mesh, _MODES, _RMS_DISPLACEMENT)
     derivative = directional_derivative(mesh, to_frame(mesh, velocity))
     frequency_max = frequency_bound(derivative)
-    # shorter on meshes with small triangles, which would otherwise need too many linear steps
+    # a shorter time on meshes with small triangles, which would need too many linear steps
     tau = min(1.0, math.sqrt(2 * math.log(_GROWTH) * _STEPS_MAX) / frequency_max)
     flow = Flow(mesh, velocity, tau)
     example = advection_example(flow, name, "eigenfunction:6", "file:advected.npy")

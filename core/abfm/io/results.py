@@ -140,7 +140,7 @@ PROBLEM_ENTRIES = MESH_ENTRIES | _FUNCTIONS | _START | SPEC_ENTRIES | LANDMARK_E
 _MATCH = {
     "advected": _FUNCTION,
     "velocity": Entry("real", ("N", "F", 3)),
-    # on the subdivided mesh, where the match was refined
+    # the field on the subdivided mesh, if the match was refined
     "fine_velocity": Entry("real", ("N", "D", 3), required=False),
     "energy_history": Entry("real", ("I", 3)),
     "stages": Entry("integer", ("I",), low=0),

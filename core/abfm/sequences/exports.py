@@ -110,7 +110,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         with temporary_folder(folder if folder.is_dir() else folder.parent) as temporary:
             try:
                 rows = _write_frames(temporary, path.stem, sequence)
-            except ResultError as error:  # names the temporary folder, which users never see
+            except ResultError as error:  # its message has the temporary folder, unknown to users
                 raise ResultError(str(error).replace(str(temporary), str(folder))) from error
             folder.mkdir(exist_ok=True)
             written = [each.name for each in sorted(temporary.iterdir())]

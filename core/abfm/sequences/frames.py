@@ -172,9 +172,9 @@ def interval_parameters(
 def _fill_in(
     mesh: TriangleMesh, frames: FloatArray, compared: BoolArray, is_weighted: BoolArray
 ) -> None:
-    """Replace values of frames (T, V, C) at vertices that are not compared, extending the others.
+    """Extend frames (T, V, C), in place, from the compared vertices to all others.
 
-    Advection would otherwise spread the replaced values to compared vertices. Channels of weight 0
+    Advection would otherwise spread values of other vertices to compared ones. Channels of weight 0
     may have additional missing values.
     """
     extend_compared = extension(mesh, compared)

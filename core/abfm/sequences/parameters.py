@@ -1,4 +1,4 @@
-"""Parameters of a sequence, with those that held-out data choose."""
+"""Parameters of a sequence, including those that held-out data choose."""
 
 from __future__ import annotations
 

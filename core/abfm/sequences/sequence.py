@@ -91,7 +91,7 @@ class Sequence(Solution, Display):
         return f"norm of order {given.order}, {numbers}{how}"
 
     def __getitem__(self, interval: int) -> Match:
-        """Return an interval as the match of its first frame to its second."""
+        """Return an interval as the match of its first frame to its second, with its verdict."""
         i = range(len(self))[interval]
         # a run that was cancelled before sigma was chosen has fields of 0
         sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX

@@ -1,4 +1,4 @@
-"""Uncertainty of the fields of a sequence on each face, and the share that frames determine.
+"""Uncertainty of the fields of a sequence on each face, and their shares that frames determine.
 
 Around its minimum the energy is that of a linear problem with the Hessian ``P + D``, the norm of
 fields plus the data. On a face, ``D`` is close to a constant 2 x 2 tensor. It is the product of the
@@ -57,7 +57,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 class Posterior(NamedTuple):
-    """Covariances of fields, and the shares that frames determine."""
+    """Covariances of fields, and the share of each field that the frames determine."""
 
     # (T - 1, F, 2, 2), of the velocity in the face frames (`abfm.calculus.face_frames`) and the
     # square of its unit; infinite if nothing determines the velocity
@@ -66,9 +66,10 @@ class Posterior(NamedTuple):
 
 
 def posterior(sequence: Solution) -> Posterior:
-    """Return the covariances of the fields of a sequence, and the shares that frames determine.
+    """Return the covariances of the fields of a sequence, and their shares that frames determine.
 
-    Covariances are infinite if all frames are constant or no interval was solved.
+    Smoothness determines the rest of a field. Covariances are infinite if all frames are constant
+    or no interval was solved.
     """
     shape = sequence.velocity.shape[:2]
     found = Posterior(np.full((*shape, 2, 2), np.inf), np.zeros(shape))
@@ -188,7 +189,7 @@ class _Integrals:
         parameters, count = sequence.parameters, len(sequence)
         alpha = max(parameters.alpha, 1e-12)
         vertices = len(sequence.mesh.vertices)
-        # on unit area, the disc of all modes contains as many modes as there are vertices
+        # on unit area, the disc of all wave numbers has as many modes as the mesh has vertices
         log_max = np.log1p(alpha * 4 * np.pi * vertices)
         log_stiffness = np.linspace(0.0, log_max, _WAVE_NUMBERS)
         ends = np.ones(_WAVE_NUMBERS)

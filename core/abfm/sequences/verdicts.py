@@ -46,9 +46,10 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
-    """Return the facts of a sequence from the verdicts (T - 1,) of its intervals and `NUMBERS`.
+    """Return the facts of a sequence from the verdicts (T - 1,) and numbers of its intervals.
 
-    The facts have the median of each number, over the intervals where it is known.
+    ``numbers`` are those of `NUMBERS`. The facts have the median of each, over the intervals where
+    it is known.
     """
     outcome = outcome_of_intervals([verdict.kind for verdict in verdicts])
     confirmed, count = sum(verdict.kind.is_good for verdict in verdicts), len(verdicts)
@@ -141,13 +142,16 @@ def allows_motion(verdict: Verdict) -> bool:
 
 
 def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
-    """Return `abfm.Sequence.motion_shares`, (T - 1,), for a known or unknown (NaN) share."""
+    """Return `abfm.Sequence.motion_shares`, (T - 1,); ``share`` is NaN if it is unknown."""
     known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
     return np.where([allows_motion(verdict) for verdict in verdicts], known, 0.0)
 
 
 def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
-    """Return whether one frame has values that the other lacks, beyond noise of levels (C, V)."""
+    """Return whether one frame has values that the other frame lacks, beyond noise.
+
+    The standard deviations of the noise are ``levels`` (C, V).
+    """
     sides = (functions, functions.reversed())
     return any(range_bound(side) > NOISE_FACTOR * noise_floor(side, levels) for side in sides)
 

@@ -44,7 +44,7 @@ class Control:
         with self._lock:
             if not paused:
                 self._running.set()
-            elif not self.cancelled:  # cancelled work must still end
+            elif not self.cancelled:  # cancelled work must run to its end
                 self._running.clear()
         self._notify_observers()
 

@@ -281,7 +281,7 @@ class Server:
     def __init__(self) -> None:
         self._requests = Requests()
         self._state: Any = None
-        self._named: dict[str, Any] = {}  # named values of the latest request with any
+        self._named: dict[str, Any] = {}  # named values of the latest request that had any
         self._controls: dict[int, Control] = {}
         self._calls: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._unsent: SimpleQueue[Answer] = SimpleQueue()

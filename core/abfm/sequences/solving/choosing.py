@@ -28,7 +28,7 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-SIGMA_MAX = 9.0  # first sigma of a search without a start, relative to the size of the frames
+SIGMA_MAX = 9.0  # first sigma without initial fields, relative to the size of the frames
 SIGMA_MIN = 0.1  # smallest sigma that is tried if none is given
 _INTERVALS = 3  # number of intervals with held-out patches
 _ITERATIONS = 3  # number of Gauss-Newton iterations for each sigma

@@ -34,7 +34,7 @@ class CriticalPoints:
     ----------
     points : SurfacePoints
     index : (K,) array of int
-        Index of each zero: 1 for sources, sinks and spirals, -1 for saddles; rarely more.
+        Index of each zero: 1 for sources, sinks and spirals, -1 for saddles; rarely larger.
     kinds : tuple of str
         Kind of each zero; "spiral" if the derivative of the field rotates more than it diverges.
     divergence, curl : (K,) array
@@ -106,8 +106,8 @@ def face_indices(
     squares = (to_frame(mesh, field) ** 2).sum(axis=1)
     mean_speed = float(np.sqrt(areas @ squares / areas.sum()))
     still = np.abs(vectors) <= _SPEED_SHARE_MIN * mean_speed
-    # A vertex has one vector for all its faces. Any direction for a zero vector assigns its zero to
-    # one of these faces.
+    # All faces of a vertex share its vector. If it is zero, any direction that replaces it assigns
+    # the zero of the field to one of these faces.
     reference = corner_vectors(mesh, np.tile(_REFERENCE_DIRECTION, (len(mesh.faces), 1)))
     turned = np.angle(np.where(still, reference, vectors) / around.middles)
     from_first, from_last = turned + half, turned - half

@@ -34,9 +34,10 @@ class Episode:
 
 
 def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
-    """Return the episodes between frames at times (T,), by the speed of each interval (T - 1,).
+    """Return the stable and transient episodes of a sequence in the order of time.
 
-    Episodes are in the order of time. There are none if the energy hardly changes.
+    ``times`` (T,) are those of the frames, and ``speed`` (T - 1,) is that of the intervals, whose
+    square is the energy. There are no episodes if the energy hardly changes.
     """
     energy = speed**2
     prominence = max(
