@@ -227,7 +227,7 @@ def write_labels(
 
 
 def _ending(path: str | os.PathLike[str], endings: tuple[str, ...]) -> str:
-    """Return the ending of a file name, without .gz, or raise a ResultError for another one."""
+    """Return the ending of a file name, without .gz; ResultError if ``endings`` lacks it."""
     name = Path(path).name.lower()
     uncompressed = name.removesuffix(".gz") if name.endswith(".gii.gz") else name
     ending = next((end for end in (*_GIFTI, *endings) if uncompressed.endswith(end)), None)

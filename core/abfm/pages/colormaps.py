@@ -111,7 +111,7 @@ def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> F
 
 
 def polyscope_name(colormap: str) -> str:
-    """Return the name of a colour map in polyscope, where built-in names are not available."""
+    """Return the name of a colour map in polyscope, which does not accept its built-in names."""
     return colormap if colormap.startswith("abfm") else f"abfm {colormap}"
 
 

@@ -140,7 +140,7 @@ def remove_checkpoints(result: Path) -> None:
 
 
 def move_checkpoints(result: Path, other: Path) -> None:
-    """Move the checkpoints of one result next to another, where the next run finds them."""
+    """Rename the checkpoints of one result for another, whose next run then finds them."""
     for path in checkpoints_of(result):
         with suppress(OSError):
             path.replace(other.with_name(other.name + path.name.removeprefix(result.name)))

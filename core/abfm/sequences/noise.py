@@ -40,8 +40,8 @@ def noise(
 def noise_levels(frames: Frames) -> FloatArray:
     """Return the standard deviation of independent noise at each vertex, (C, V).
 
-    Each channel has one level for all compared vertices. It is 0 where no frame has noise, for
-    example where activity is below a threshold.
+    Each channel has one level for all compared vertices. The level is 0 at vertices where no frame
+    has noise, for example where activity is below a threshold.
     """
     mesh, rows = frames.mesh, [np.ascontiguousarray(frame.T) for frame in frames.values]
     noisy = ~np.logical_and.reduce([is_flat(mesh, row) for row in rows])  # (C, V)

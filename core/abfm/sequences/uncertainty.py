@@ -111,10 +111,11 @@ def _values(sequence: Solution) -> int:
 
 
 def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return eigenvalues (I, F, 2) and eigenvectors (I, F, 2, 2), in columns, of the tensors ``D``.
+    """Return eigenvalues (I, F, 2) and eigenvectors (I, F, 2, 2), in columns, of the data tensors.
 
-    The tensors are those of the I intervals ``solved``. They are in units of the norm at wave
-    number 0, and averaged over `_length`.
+    A data tensor (``D`` in the docstring of this module) is how precisely frames determine the
+    velocity on a face. ``solved`` are the indices of I intervals. The tensors are relative to the
+    norm of fields at wave number 0, and averaged over `_length`.
     """
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
@@ -167,7 +168,8 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 def _length(sequence: Solution, precision: float) -> float:
     """Return the length, in sqrt(area), over which the norm averages data of a given precision.
 
-    The length is the wavelength at which norm and data are equally stiff, and at least an edge.
+    The length is one over the wave number at which norm and data are equally stiff. It is at least
+    an edge and, on fine meshes, at most `_LENGTH_MAX`.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
     excess = max(precision, 0.0) ** (1 / parameters.order) - 1

@@ -1,4 +1,4 @@
-"""The field of one interval: its flow maps one frame to the next, and adjacent fields are close.
+"""The field of one interval: its flow maps one frame to the next, close to adjacent fields.
 
 The field is found by Gauss-Newton. Energy and gradient are those of the discrete flow (Eq. 6),
 without approximation. The second derivative is that of the linear problem at the advected frame.
