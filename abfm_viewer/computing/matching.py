@@ -31,7 +31,7 @@ _numbers = itertools.count(1)  # numbers of solves, by which the subprocess stor
 
 @dataclass(frozen=True)
 class ProblemSpec:
-    """A problem with its functions as texts; problems with equal specs have the same solution."""
+    """A problem with its functions as texts; equal objects have the same solution."""
 
     mesh: TriangleMesh
     channels: tuple[Channel, ...]
@@ -84,7 +84,7 @@ class ProblemSpec:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The newest iterate of a problem, and the best iterate that has a picture (`shown`).
+    """The newest iterate of a problem, and the best iterate with an advected source (`shown`).
 
     The newest iterate is not always the best. For example, a new attempt of the solver starts with
     a larger residual than that of the previous attempt.

@@ -128,8 +128,8 @@ class Landmark:
 class Viewpoint:
     """Direction and zoom with which surfaces are shown, each in its slot (its part of the window).
 
-    At a zoom of 1 the surface fits into the slot from every direction. The target (3,), in the
-    units of the mesh, is shown in the middle of the slot and stays there during rotation. By
+    At a zoom of 1 the surface fits into the slot from every direction. The point `target` (3,), in
+    the units of the mesh, is shown in the middle of the slot and stays there during rotation. By
     default it is the middle of the part that is visible from the front.
     """
 

@@ -54,7 +54,7 @@ GIVEN_WORD = "given"  # value of `initial` for the map in a registration file
 
 @dataclass(frozen=True, eq=False)
 class MatchDocument(Document):
-    """Functions to match on one surface, in pairs of source and target, and the parameters."""
+    """Functions to match on one surface, in pairs of source and target, and parameters of the match."""
 
     content_fields: ClassVar[tuple[str, ...]] = (
         *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
@@ -87,7 +87,7 @@ class MatchDocument(Document):
 
     @property
     def initial(self) -> str:
-        """Name of the method for the initial map from A to B; empty for an automatic choice."""
+        """Method for the initial map from surface A to B; empty for an automatic choice."""
         return ""
 
     @property

@@ -30,7 +30,7 @@ class LabelMap:
 
     @classmethod
     def of(cls, file: str, mesh: TriangleMesh, labels: Labels) -> LabelMap:
-        """Return a label map for a mesh from labels of its vertices or of those of its file.
+        """Return a label map for a mesh, from labels of the vertices of the mesh or of its file.
 
         A label without a colour gets one: grey if it has no name but others do. Labels that do not
         fit the mesh raise a `FunctionError`.

@@ -123,7 +123,7 @@ class ResultTable:
         return next((row for row in self.rows if row.key == key), None)
 
     def shown(self, column: Name, falls: bool, search: str) -> tuple[ResultRow, ...]:
-        """Return the rows that match a search, sorted by a column; ``falls`` is descending order.
+        """Return the rows that match a search, sorted by a column; descending if ``falls``.
 
         A row matches if it contains the search text. If no row does, rows match that contain all
         its words. Verdicts are sorted from the worst to the best, and rows of equal verdict by

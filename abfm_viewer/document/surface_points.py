@@ -26,7 +26,10 @@ def points_of(found: abfm.maps.SurfacePoints) -> list[Point]:
 def landmark_pairs(
     a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]
 ) -> abfm.registration.Landmarks | None:
-    """Return landmarks, all with points on both surfaces, for the library; None without any."""
+    """Return landmarks of a document as an object of the library; None if there are none.
+
+    All ``pairs`` must have points on both surfaces, ``a`` and ``b``.
+    """
     if not pairs:
         return None
     on_a, on_b = (
@@ -38,7 +41,10 @@ def landmark_pairs(
 
 
 def landmarks_of(given: abfm.registration.Landmarks) -> tuple[Landmark, ...]:
-    """Return landmarks for a document; names that are only numbers from 0 are dropped."""
+    """Return the library's landmarks as landmarks of a document.
+
+    A name that is only the number of its landmark is dropped.
+    """
     names = ("" if name == str(n) else name for n, name in enumerate(given.names))
     columns = points_of(given.a), points_of(given.b), given.weights.tolist(), names
     return tuple(map(Landmark, *columns))

@@ -40,8 +40,9 @@ class Step(NamedTuple):
 class Editor:
     """Commands that change a document, with undo and redo.
 
-    Each change of the document is a step of undo. Consecutive changes with the same merge key, such
-    as those of a drag, are one step. Undo restores the viewpoint only for steps that changed it.
+    Each change of the document is a step of undo. Consecutive changes with the same key ``merge``,
+    such as those of a drag, are one step. Undo restores the viewpoint only for steps that changed
+    it.
     """
 
     def __init__(self, document: Document) -> None:
@@ -156,7 +157,7 @@ class Editor:
             self._put(f"change the {side}", changed, merge=merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
-        """Set the weight of the active channel.
+        """Set the weight of the active channel, which scales its mismatch in the match.
 
         A `FunctionError` is raised if the weight is negative or not finite, or if no channel would
         have a weight above 0.

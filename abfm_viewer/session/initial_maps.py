@@ -128,7 +128,7 @@ class InitialMaps:
         )
 
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
-        """Return the active source or target as it is matched on B, (V,); None until known.
+        """Return the active source or target as matched on surface B, (V,); None until known.
 
         Its values may be in standard deviations. A target that is matched without a change is the
         same array as its function.

@@ -77,7 +77,7 @@ class SequenceMatch:
         return len(self._fields) if is_of_run else 0
 
     def fast_speed(self, document: SequenceDocument) -> float:
-        """Return the fast speed, which scales arrows: the largest of all fields of the run so far.
+        """Return the largest `abfm.calculus.fast_speed` of the run's fields so far.
 
         It never decreases during the run, and is 0 if the run has no field of the document.
         """

@@ -164,7 +164,7 @@ class Work(ABC):
     def flow_values(self, side: Side) -> FloatArray | None:
         """Return the active channel's source or target as it is matched, (V,); None if unknown.
 
-        With two surfaces, both are on B, and their values may be standardised.
+        With two surfaces, both are on surface B, and their values may be in standard deviations.
         """
         return self.values(side)
 
@@ -393,7 +393,7 @@ class PairWork(MatchWork):
 
     @property
     def facts(self) -> abfm.outcome.Facts | None:
-        """Facts of the registration of A to B; None without a result.
+        """Facts of the registration of surface A to B; None without a result.
 
         Until the complete map from A to B is measured, these are the facts of the match on B,
         marked as incomplete.

@@ -1,9 +1,9 @@
 """Arrows of a field on a surface, evenly spaced and without overlaps.
 
 The positions of the arrows do not depend on the field. An arrow is not longer than the distance
-between neighbouring positions, so arrows do not touch. Positions where a disc is visible from the
-viewpoint are preferred; clearly visible ones stay the same while the surface turns. All lengths are
-in units of sqrt(area), the square root of the surface's area.
+between neighbouring positions, so arrows do not touch. Positions with a visible neighbourhood are
+preferred; clearly visible ones stay the same while the surface turns. All lengths are in units of
+sqrt(area), the square root of the surface's area.
 """
 
 from __future__ import annotations

@@ -96,8 +96,9 @@ class ShownLandmarks(Jobs):
     ) -> BoolArray:
         """Return a mask (P,) of the landmarks in a slot that the surface hides from the viewer.
 
-        The rows of ``axes`` (3, 3) point right, up, and towards the viewer. While the mask is
-        computed for a new direction, that of the previous direction is returned.
+        A slot is one of the pictures side by side. The rows of ``axes`` (3, 3) point right, up, and
+        towards the viewer. While the mask is computed for a new direction, that of the previous
+        direction is returned.
         """
         same_axes = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
         subject = points.mesh, points.numbers

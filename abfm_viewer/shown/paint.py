@@ -113,8 +113,8 @@ class Painter:
         """Return the paint of the source or target; None before its values are known.
 
         If the view shows a pattern, such as a checkerboard, the source shows the pattern at time 0.
-        A function on A is shown in its own unit, even if the functions compared on B are in another
-        unit.
+        A function on surface A is shown in its own unit, even if functions are compared on B in
+        another unit.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
@@ -143,7 +143,7 @@ class Painter:
 
     @property
     def _bar(self) -> str:
-        """Title of the colour bar of functions, which may be in standard deviations on B."""
+        """Title of the colour bar of functions; on surface B they may be in standard deviations."""
         session = self._session
         target = session.work.flow_values("target")
         has_same_unit = target is None or target is session.values("target")

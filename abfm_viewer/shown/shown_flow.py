@@ -190,7 +190,8 @@ class ShownFlow(Jobs):
     def advected(self) -> FloatArray | None:
         """Return the active channel's source, advected to the shown time, (V,); None if unknown.
 
-        If two surfaces are registered, it is advected on B. Without a flow, the source is returned.
+        If two surfaces are registered, it is advected on surface B. Without a flow, the source is
+        returned.
         """
         session, flow = self._session, self.state
         self.is_behind = False
@@ -251,8 +252,8 @@ class ShownFlow(Jobs):
     def coordinates(self) -> FloatArray | None:
         """Return the start, at time 0, of the points at the vertices at the shown time, (V, 3).
 
-        Points are followed along flow lines. If two surfaces are registered, the starts are on A.
-        The result is None before they are known.
+        Points are followed along flow lines. If two surfaces are registered, the starts are on
+        surface A. The result is None before they are known.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -273,7 +274,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Start at time 0 of the point at each vertex, (V, 3), on A if registered; or None."""
+        """Images of the vertices on the source's surface, by the initial map, (V, 3); or None."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices

@@ -53,10 +53,10 @@ def _draw(
 ) -> FloatImage:
     """Return colours of a texture from a table of colours, darkened by an image of streaks.
 
-    ``owners`` are the faces of the texels. Row ``affine[face]`` gives the table's row as an affine
-    function of the texel; where it is NaN, the last row is drawn. ``shades`` are the darkening
-    where the image is 0, and the brightening per unit of the image. This is a compiled kernel
-    because the window draws while it runs.
+    ``owners`` are the faces of the texels. For each face, ``affine`` (F, 3) is an affine function
+    of the texel, whose value is a row of ``table``. Where it is NaN, the last row is drawn.
+    ``shades`` are the darkening where the image is 0, and the brightening per unit of the image.
+    This is a compiled kernel because the window draws while it runs.
     """
     last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)
