@@ -54,7 +54,7 @@ GIVEN_WORD = "given"  # value of `initial` for the map in a registration file
 
 @dataclass(frozen=True, eq=False)
 class MatchDocument(Document):
-    """Functions to match on one surface, in pairs of source and target, and parameters of the match."""
+    """Pairs of functions to match on one surface, source and target, and the parameters."""
 
     content_fields: ClassVar[tuple[str, ...]] = (
         *("channels", "parameters", "mask", "landmarks", "landmarks_alone"),
