@@ -31,7 +31,7 @@ IMPOSSIBLE_STEP = f"{Outcome.IMPOSSIBLE}: "
 
 
 class Computation(Protocol):
-    """A computation from files whose result is returned as a value instead of a file."""
+    """A computation that reads files and returns a value; unlike a row, it writes no result."""
 
     def files(self) -> list[str]:
         """Return the absolute names of all files to be read, whether they exist or not."""
@@ -43,7 +43,7 @@ class Computation(Protocol):
 
 @dataclass(frozen=True)
 class WorkItem:
-    """A row to solve and the folder for its result, or a computation.
+    """A job for a worker: a row to solve with the folder for its result, or a computation.
 
     A worker recognises the folder by the text in the folder's file ``identity``.
     """
@@ -146,7 +146,7 @@ def _answer(item: WorkItem) -> Answer:
 
 
 def _solved(item: WorkItem, row: Row, prepared: Task) -> Answer:
-    """Write the result to the folder, or return its bytes if the folder is not accessible."""
+    """Solve a row; write its result to the folder, or return the bytes if this is impossible."""
     ledger = Ledger(item.folder)
     if ledger.is_accessible(item.identity):
         path = ledger.result_path(prepared.digest)
@@ -185,7 +185,7 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
 
 
 def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
-    """Report a row that no flow can match, by a progress step and a record, before solving it."""
+    """Report, by a progress step and a record, a row whose functions no flow can match."""
     facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return

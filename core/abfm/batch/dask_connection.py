@@ -59,7 +59,7 @@ class DaskConnection:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the client is connected. One that is reconnecting has lost its calls."""
+        """Whether the client is connected; False while it reconnects, as its calls are lost."""
         return bool(self._client.status == "running")
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Ledger of a batch: the state of each row, in a folder.
+"""Ledger of a batch: files in a folder with the state of each row of the table.
 
 Each file is written completely or not at all, so an interrupted batch can always be resumed.
 """
@@ -81,7 +81,7 @@ class LedgerEntry:
 
     @property
     def facts(self) -> Facts:
-        """Facts of the result, read from its file.
+        """Facts of the result (outcome, numbers and warnings), read from its file.
 
         Without a result the facts have no numbers. If the file is damaged, they report a failure.
         """

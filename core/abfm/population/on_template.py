@@ -61,7 +61,7 @@ class SubjectData(NamedTuple):
 
 
 class MapFacts(NamedTuple):
-    """Measures of the map of a subject; NaN if unknown."""
+    """Measures of the map from the template to a subject; NaN if unknown."""
 
     folded: float = math.nan  # fraction of the faces, 0 to 1, folded by the flow
     # residual of the registration, the larger one of discrete and flow-line residual

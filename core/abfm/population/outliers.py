@@ -77,7 +77,7 @@ class ComparisonData(NamedTuple):
         return np.where(self.masks[subject] > 0, self.areas, 0)
 
     def others(self, fits: BoolArray) -> list[LeaveOneOut]:
-        """Return the sums over the included subjects, ``fits`` (N,), for each channel."""
+        """Return leave-one-out sums over the included subjects, ``fits`` (N,), for each channel."""
         shares = Shares(self.weights * fits, self.masks)
         return [LeaveOneOut.of(each, shares) for each in self.values]
 

@@ -287,7 +287,7 @@ class Population(Display):
         return np.asarray(vertex_areas(self.template) * self.template_mask)
 
     def subject(self, name: str) -> int:
-        """Return the index of a subject, or raise a ParameterError."""
+        """Return the index of the subject with this name, or raise a ParameterError."""
         if name not in self.names:
             raise ParameterError(
                 f"there is no subject {brief(name)}{did_you_mean(name, self.names)}"

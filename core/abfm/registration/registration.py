@@ -129,7 +129,7 @@ class Registration(Correspondence):
 
     @cached_property
     def facts(self) -> Facts:
-        """Facts of the registration for reports.
+        """Facts of the registration for reports: outcome, numbers and warnings.
 
         The facts are those of its match, with the residual, distortion and folded faces of the
         complete map from A to B.

@@ -43,7 +43,7 @@ def preview_of(
 class Result(Protocol):
     @property
     def facts(self) -> Facts:
-        """Facts of the result for reports, pages and panels."""
+        """Facts of the result for reports: outcome, numbers and warnings."""
 
     def save(self, path: File) -> None:
         """Write the result to a file, completely or not at all."""

@@ -30,7 +30,7 @@ def warn_of_numbering(
     """Warn if landmarks agree much better when vertices are counted from ``1 - first``.
 
     ``numbers_a`` and ``numbers_b`` (L,) are vertices counted from ``first``, 0 or 1. Surfaces with
-    the same faces are not checked, as equal vertex numbers correspond for both.
+    the same faces are not checked, as equal vertex numbers correspond in both cases.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return

@@ -1,1 +1,1 @@
-"""Search for an initial map among relaxed candidates."""
+"""Search for an initial map: candidates are relaxed and compared on coarse surfaces."""
