@@ -7,7 +7,7 @@ from sphinx_gallery.scrapers import figure_rst
 
 
 def save_image(block: object, block_vars: dict[str, Any], conf: dict[str, Any]) -> str:
-    """Save the image that a cell returns, and return its reST; no text for other results."""
+    """Save the image that a cell returns, and return its reST; an empty text for other results."""
     image = block_vars["example_globals"].get("___")  # the last expression of this or an older cell
     if not isinstance(image, Image) or image is block_vars.get("saved_image"):
         return ""

@@ -85,7 +85,7 @@ def _api() -> str:
 
 
 def _public_values(module: ModuleType) -> dict[str, object]:
-    """Return the public names of a package, which are imported when they are first used."""
+    """Return the public objects of a package by name, which imports them."""
     return {name: getattr(module, name) for name in dir(module) if not name.startswith("_")}
 
 

@@ -50,8 +50,8 @@ _PAPER = (  # the energy and the continuation of the paper
 def store(picture: Image.Image, name: str) -> None:
     """Save a picture in ``docs/images``, in a file of limited size.
 
-    A file that would be too large has fewer colours. If this is not enough, a window has even fewer
-    colours, and any other picture fewer pixels.
+    If the file would be too large, the picture is stored with fewer colours. If it is still too
+    large, a window gets even fewer colours, and any other picture fewer pixels.
     """
     picture, is_window = picture.convert("RGB"), name.startswith("window")
     if not is_window:
@@ -81,7 +81,7 @@ def _render(result: Path, name: str, *options: object) -> None:
 
 
 def _data(repository: str, *path: str) -> Path:
-    """Return a folder of another repository."""
+    """Return a folder in a clone of another repository, which lies next to this one."""
     folder = _DATA.joinpath(repository.split("/")[1], *path)
     if not folder.is_dir():
         raise SystemExit(f"{folder} is missing: clone https://github.com/{repository} to {_DATA}")
@@ -92,7 +92,7 @@ def _data(repository: str, *path: str) -> Path:
 
 
 def match(folder: Path) -> None:
-    """Draw the sheet and the moving picture of a match."""
+    """Draw a match of two Gaussians, as a sheet and as an animation."""
     result = folder / "match.npz"
     _run("match", _HUMAN, "--source", _SOURCE, "--target", _TARGET, "--out", result)
     _render(result, "match.png")
@@ -246,7 +246,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
 
 
 def _make(names: Sequence[str]) -> None:
-    """Make pictures, each in a process, because one cannot draw windows and other pictures."""
+    """Make each picture in its process, as one process cannot draw windows and other pictures."""
     makers = dict.fromkeys(PICTURES[name] for name in names)
     if len(makers) == 1:
         with tempfile.TemporaryDirectory() as scratch:

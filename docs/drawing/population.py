@@ -26,9 +26,9 @@ _WAVE_NUMBER_MAX = 4.0  # on the unit sphere
 
 
 def picture(folder: Path) -> Image:
-    """Register the subjects, and return the picture of a subject and of both means.
+    """Register the subjects; return the picture of a subject, of the plain and registered mean.
 
-    Files of the registrations are in a folder.
+    The files of the registrations are written to ``folder``.
     """
     mesh, depth = _template()
     random = np.random.default_rng(1)
@@ -57,7 +57,7 @@ def picture(folder: Path) -> Image:
 
 
 def _template() -> tuple[abfm.TriangleMesh, FloatArray]:
-    """Return the coarse sphere, and the smoothed depth with mean 0 and standard deviation 1."""
+    """Return the coarse sphere of the template, and its smoothed depth of standard deviation 1."""
     surfaces = fsaverage5()
     fine = abfm.load_mesh(surfaces / "sphere_left.gii.gz")
     depth = abfm.function(fine, f"file:{surfaces / 'sulc_left.gii.gz'}")[:_VERTICES]
@@ -78,7 +78,7 @@ def _template() -> tuple[abfm.TriangleMesh, FloatArray]:
 
 
 def _fields(mesh: abfm.TriangleMesh) -> FloatArray:
-    """Return smooth random fields (N, F, 3) with mean zero: waves, half of them rotated."""
+    """Return N smooth random fields (N, F, 3) with mean zero: waves, half of them turned by 90°."""
     random = np.random.default_rng(0)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     centres /= np.linalg.norm(centres, axis=1)[:, None]

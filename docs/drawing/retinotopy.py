@@ -60,7 +60,7 @@ def picture(folder: Path) -> Image:
 
 
 def _activity(kind: str, offsets: FloatArray) -> FloatArray:
-    """Return the activity at offsets from the centre of a stimulus."""
+    """Return the activity, a Gaussian, at offsets from the centre of a stimulus."""
     if kind == "wedge":
         offsets = (offsets + 180) % 360 - 180
     return np.exp(-0.5 * (offsets / WIDTHS[kind]) ** 2)
@@ -69,21 +69,21 @@ def _activity(kind: str, offsets: FloatArray) -> FloatArray:
 def _centres(
     mesh: abfm.TriangleMesh, kind: str, phase: FloatArray, inside: BoolArray
 ) -> FloatArray:
-    """Return the centres of a stimulus in each frame, so that it moves by the displacement."""
+    """Return the centre of a stimulus in each frame, so that it moves by the given displacement."""
     slopes = np.linalg.norm((gradient(mesh) @ phase).reshape(-1, 2)[inside], axis=1)
     step = _DISPLACEMENT * edge_lengths(mesh).mean() * np.median(slopes)
     return _CENTRES[kind] + step * (np.arange(_FRAMES) - (_FRAMES - 1) / 2)
 
 
 def _is_sloped(mesh: abfm.TriangleMesh, values: FloatArray, inside: BoolArray) -> BoolArray:
-    """Return the faces (F,) where a frame is not flat."""
+    """Return whether the values of a frame vary on each face, (F,)."""
     slopes = np.linalg.norm((gradient(mesh) @ values).reshape(-1, 2), axis=1)
     weights = np.where(inside, face_areas(mesh), 0)
     return slopes > _SLOPE_MIN * np.sqrt(np.average(slopes**2, weights=weights))
 
 
 class _Patch:
-    """The part of a surface with the vertices ``seen`` (V,), and the same faces of a mesh."""
+    """The part of ``surface`` with the vertices ``seen`` (V,); ``mesh`` has the same faces."""
 
     def __init__(
         self, surface: abfm.TriangleMesh, mesh: abfm.TriangleMesh, seen: BoolArray
@@ -100,7 +100,7 @@ class _Patch:
         self._maps = (after @ np.linalg.pinv(before))[self._faces]  # of tangent vectors
 
     def panel(self, values: FloatArray, field: FloatArray, label: str) -> Panel:
-        """Return a panel of values (V,) and a field (F, 3) of the mesh."""
+        """Return a panel of this part with values (V,) and a field (F, 3) of ``mesh``."""
         pushed = np.einsum("fxy,fy->fx", self._maps, field[self._faces])
         shown = Values(np.maximum(values[self._vertices], 0), "activity")  # without negative noise
         return Panel(self.mesh, shown, label, arrows=pushed)

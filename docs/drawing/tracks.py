@@ -34,7 +34,7 @@ _SIDES = {"lateral": (1.0, 0.0, 0.0), "medial": (-1.0, 0.0, 0.0)}  # directions 
 
 
 def rotating_wave(folder: Path) -> abfm.Sequence:
-    """Return the matched sequence of ``rotating_wave`` of neural-flows, whose data are in a folder.
+    """Read ``rotating_wave`` of neural-flows from a folder, and return its matched sequence.
 
     The activity of 513 regions is interpolated on the surface by thin-plate splines.
     """
@@ -51,7 +51,7 @@ def rotating_wave(folder: Path) -> abfm.Sequence:
 def draw(sequence: abfm.Sequence, path: Path) -> None:
     """Draw the longest tracks on a right hemisphere with axes right, anterior and superior.
 
-    The ends of wide tracks have a dot.
+    The longest tracks are wide lines with a dot at the end, and the next ones are thin lines.
     """
     tracks = sequence.tracks()[: _WIDE + _THIN]
     paths = track_paths([_smooth(track) for track in tracks])
@@ -83,7 +83,7 @@ def _plural(kind: str, kinds: Sequence[str]) -> str:
 
 
 def _picture(mesh: abfm.TriangleMesh, paths: Sequence[PointPath], front: Front) -> Pixels:
-    """Draw the surface with paths, the longest ones first in the list."""
+    """Draw the surface with the paths of tracks, given from the longest to the shortest."""
     width, height = _SIZE
     with canvas(width, height):
         opengl.clear()
@@ -107,6 +107,6 @@ def _picture(mesh: abfm.TriangleMesh, paths: Sequence[PointPath], front: Front) 
 
 
 def _smooth(track: Track) -> Track:
-    """Return the means of a track over a few intervals, without the steps from face to face."""
+    """Return a track averaged over a few intervals, which removes its steps from face to face."""
     places = uniform_filter1d(track.points.positions, _MEANS, axis=0, mode="nearest")
     return replace(track, points=project_onto_surface(track.points.mesh, places))

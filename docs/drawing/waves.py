@@ -1,4 +1,4 @@
-"""Errors of the fields of known waves over their displacement, from the table of a page."""
+"""Plot of the errors of fields of known waves against displacement, from the table of a page."""
 
 from collections import defaultdict
 from pathlib import Path
@@ -14,7 +14,7 @@ METHODS = {  # colour, marker and line of each
 
 
 def draw(page: Path, path: Path) -> None:
-    """Draw the table ``waves`` of a page: means over the kinds of waves, a column per noise."""
+    """Plot the table ``waves`` of a page: means over the kinds of waves, one column per noise."""
     errors = _errors(page.read_text(encoding="utf-8"))
     noises, displacements = (sorted({key[i] for key in errors}) for i in (0, 1))
     figure = Figure(figsize=(10, 5.6), layout="constrained")
@@ -41,7 +41,7 @@ def draw(page: Path, path: Path) -> None:
 
 
 def _errors(text: str) -> dict[tuple[float, float], list[list[float]]]:
-    """Return the errors (6) of each wave, by noise in percent and displacement in mean edges."""
+    """Return the six errors of each wave, by noise (percent) and displacement (mean edges)."""
     table = text.partition("<!-- table: waves -->")[2].partition("<!-- end: waves -->")[0]
     errors = defaultdict(list)
     for line in table.strip().splitlines()[2:]:

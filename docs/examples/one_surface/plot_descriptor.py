@@ -52,9 +52,9 @@ match_picture(match)
 # -----------------
 #
 # A function determines the motion across its level sets, but not along them. The recovered map is
-# therefore close to the known one, but not equal. The mean distance between their images is smaller
-# than the mean displacement by the known flow. Distances are relative to the square root of the
-# area.
+# therefore close to the known map, but not equal. The mean distance between the images of a vertex
+# by both maps is smaller than the mean displacement by the known flow. Distances are relative to
+# the square root of the area.
 
 recovered = match.point_map().positions
 displacement = np.linalg.norm(mesh.vertices - truth.positions, axis=1).mean()

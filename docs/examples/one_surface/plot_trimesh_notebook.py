@@ -28,8 +28,8 @@ mesh
 # -------------------
 #
 # The flow of the resulting field advects the source to the target. The residual is the remaining
-# difference, relative to the standard deviation of the target. It is measured for the flow of the
-# solver, and along flow lines, which do not depend on the solver.
+# difference, relative to the standard deviation of the target. It is measured in two ways: for the
+# flow of the solver, and along flow lines, which do not depend on the solver.
 
 source = abfm.function(mesh, "gaussian:vertex=10,width=0.25")
 target = abfm.function(mesh, "gaussian:vertex=30,width=0.25")

@@ -2,8 +2,8 @@
 Figure 1: one Gaussian becomes two
 ==================================
 
-In figure 1 of the paper, the flow of one vector field moves a Gaussian on a human. It starts at a
-hand and becomes two Gaussians at the feet. The values of the function move along the surface. In a
+In figure 1 of the paper, the flow of one vector field moves a Gaussian on a human. The Gaussian
+starts at a hand and becomes two Gaussians at the feet. Its values move along the surface. In a
 linear blend, the source would fade out while the target fades in.
 """
 
@@ -38,7 +38,7 @@ match
 # Compare with a linear blend
 # ---------------------------
 # Consider the vertices where source and target are both below half of the maximum. A bump that
-# moves crosses them with its full height. A blend stays below half of it.
+# moves crosses these vertices with its full height. The blend stays below half of this height.
 
 between = (source < 0.5) & (target < 0.5)
 for name, values in {
@@ -62,11 +62,11 @@ for time in (0, 0.5, 1):
 # %%
 # Check the flow lines
 # --------------------
-# The norm of the paper allows fields that are not continuous. The discrete flow of this field,
-# which the solver computes, matches the functions. Along flow lines, the residual is large. Thus
-# abfm reports that the match is not reached. The default norm of abfm is of second order, and both
-# residuals are then closer to each other. A smooth flow preserves the number of peaks, so a thin
-# ridge remains between the two Gaussians.
+# The norm of the paper allows fields that are not continuous, such as the field of this match. Its
+# discrete flow, which the solver computes, matches the functions. Along flow lines, the residual is
+# large. Thus abfm reports that the match is not reached. With the default norm of abfm, which is of
+# second order, both residuals are closer to each other. A smooth flow preserves the number of
+# peaks, so a thin ridge remains between the two Gaussians.
 
 smooth = abfm.match(mesh, source, target, abfm.Parameters(sigma=0.01, refine=0))
 for name, result in {"paper": match, "defaults": smooth}.items():

@@ -30,8 +30,8 @@ match
 # %%
 # Compare the methods at half the time
 # ------------------------------------
-# Advection preserves the height of the bump. Optimal transport and the linear blend preserve its
-# integral, the mass, but their values between the bumps are lower.
+# Advection preserves the height of the bump. Optimal transport and the linear blend preserve the
+# integral of the function, the mass. Between the bumps, both have lower values than advection.
 
 halfway = {
     "advection": match.advect(0.5 * match.parameters.tau),

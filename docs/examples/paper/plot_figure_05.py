@@ -3,7 +3,7 @@ Figure 5: the smoothest commuting field
 =======================================
 
 Two vector fields commute if their Lie bracket is zero. The paper shows a field v, and the smoothest
-one of the many fields that commute with v. It is found by a sparse eigenvalue problem.
+one of the many fields that commute with v. A sparse eigenvalue problem determines this field.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ from abfm_viewer.pictures import figure_picture
 # %%
 # Find the field
 # --------------
-# On a torus the answer is known. The field v rotates the torus about its axis. The smoothest other
+# On a torus this field is known. The field v rotates the torus about its axis. The smoothest other
 # field that commutes with v moves around the tube.
 
 mesh = torus(48, 24)
@@ -28,8 +28,8 @@ v = np.stack([z, 0 * y, -x], axis=1)
 # %%
 # Check that it commutes
 # ----------------------
-# On a mesh, the Lie bracket of u and v is not exactly zero, but proportional to the edge length. It
-# is much smaller than the brackets of v with other smooth fields.
+# On a mesh, the Lie bracket of u and v is not exactly zero, but proportional to the edge length.
+# This bracket is much smaller than the brackets of v with other smooth fields.
 
 others = commuting_fields(mesh, v, 8, weight=0)
 print(f"bracket with v: {relative_bracket(mesh, v, u):.2f}")

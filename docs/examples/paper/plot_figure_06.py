@@ -36,7 +36,7 @@ def vortex(time):
 # %%
 # Transport the field
 # -------------------
-# The operator ad_v is the Lie bracket with v. With its definition in Eq. 10, exp(-t ad_v) u is the
+# The operator ad_v is the Lie bracket with v. With the bracket of Eq. 10, exp(-t ad_v) u is the
 # pushforward, the field u transported along v. The paper prints exp(t ad_v) u, which transports u
 # in the opposite direction.
 
@@ -69,7 +69,7 @@ figure_picture(Sheet(((panel(vortex(0), "u"), *moved),)))
 # %%
 # Move a function along the field
 # -------------------------------
-# A function moves with the same flow. The view shows the Gaussian at the centre of the vortex.
+# A function moves with the flow of v. The view shows a Gaussian at the centre of the vortex.
 
 f = np.exp((mesh.vertices @ [np.sin(-0.6), 0, np.cos(-0.6)] - 1) / 0.16)
 flow = abfm.Flow(mesh, v, tau=0.25)

@@ -54,7 +54,7 @@ match
 # Compare the fields
 # ------------------
 # The functions do not determine the complete field, because motion along the level lines of a
-# function does not change it. This part is determined by the smoothness of the field.
+# function does not change it. Only the smoothness of the field determines this part.
 
 found = match.velocity[0]
 error = root_mean_square(found - original) / root_mean_square(original)

@@ -27,7 +27,7 @@ symmetry = detect_symmetry(mesh, "rotation")
 # -------------------------------------------------
 # The target is the source, composed with the symmetry. One function does not determine a map, so
 # the flow matches all three coordinates together. Sigma, the allowed difference of the functions,
-# decreases in three stages. Otherwise parts of the surface can turn in opposite directions.
+# decreases in three stages. Without them, parts of the surface can turn in opposite directions.
 
 source = mesh.normalized().vertices
 target = source[symmetry.vertex_map]

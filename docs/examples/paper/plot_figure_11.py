@@ -45,8 +45,8 @@ match
 # %%
 # Measure the errors
 # ------------------
-# The paper states that the match succeeds. The errors are differences from the target, averaged
-# over the surface and summed over the two functions.
+# The paper states that the match succeeds. The errors before and after the match are differences
+# from the target, averaged over the surface and summed over the two functions.
 
 weights = vertex_areas(b.normalized())
 before, after = (weights @ abs(f - target).sum(axis=1) for f in (source, match.advected))

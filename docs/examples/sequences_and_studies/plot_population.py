@@ -3,7 +3,8 @@ Register a population and find an outlier
 =========================================
 
 Functions of several subjects are registered to a template, and their mean becomes the next target.
-Here five subjects are made by known flows from one pattern, and a sixth one has the wrong sign.
+In this example, five subjects are made by known flows from one pattern. A sixth subject, the
+outlier, has the wrong sign.
 """
 
 import tempfile

@@ -3,7 +3,7 @@ Follow a wave and its tracks
 ============================
 
 A sequence is a function on a surface at several times. This example recovers the velocity of a
-rotating wave on a sphere, and tracks the two spirals at the ends of its axis.
+rotating wave on a sphere, and tracks the two spirals at the ends of the axis of rotation.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ for time in times:
 # ----------------------
 #
 # The smoothness of the velocity depends on the parameters of a norm, which are given here. Without
-# them, abfm chooses those that best predict patches of the frames that were left out.
+# given parameters, abfm chooses those that best predict left-out patches of the frames.
 
 parameters = abfm.sequences.defaults(alpha=1.0, sigma=0.1, order=1)
 sequence = abfm.sequence(mesh, frames, times, parameters)

@@ -32,8 +32,8 @@ g = abfm.function(b, bumps.format(0.55, 0.2, 0.8))
 #
 # With a bound of 1, areas and aspect ratios change by at most a factor of 2 on 99% of the faces.
 # In addition, no face is folded. For each face, the distortion is the larger one of
-# :math:`|\log_2 J|` and :math:`|\log_2 R|`. J is its change of area and R its change of aspect
-# ratio. The printed bound is satisfied by 99% of the faces.
+# :math:`|\log_2 J|` and :math:`|\log_2 R|`. J is the change of area of the face and R the change of
+# its aspect ratio. For each map, the example prints the bound that 99% of the faces satisfy.
 
 parameters = abfm.Parameters(refine=0)
 free, bounded = (

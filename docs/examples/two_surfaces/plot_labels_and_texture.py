@@ -27,7 +27,7 @@ b = abfm.load_mesh(asset_path("human_B.off"))
 #
 # The initial map is computed from eigenfunctions of both shapes. The flow then moves five landmarks
 # to their targets. The meshes have the same faces, so that vertex i of A is the true partner of
-# vertex i of B. Only the measurements below use this.
+# vertex i of B. Only the measurements below use these true partners.
 
 vertices = np.array([895, 276, 100, 1173, 583])  # hands, head and feet
 registration = abfm.register(
@@ -41,8 +41,8 @@ registration
 # ------
 #
 # Labels are never averaged: each vertex of B gets the label with the largest weight at its point
-# of A. The Dice coefficient measures the overlap of the transferred and the true region. It is 1 if
-# both are equal.
+# of A. The Dice coefficient measures the overlap of the transferred region and the true region. It
+# is 1 if both regions are equal.
 
 x, y, _ = a.vertices.T
 labels = np.digitize(y, np.quantile(y, [0.2, 0.4, 0.6, 0.8]))
@@ -92,6 +92,6 @@ figure_picture(
 )
 
 # %%
-# The image of B has a new layout. Faces that are neighbours on B are often apart in the image.
+# The texture image of B has a new layout. Faces that are neighbours on B may be far apart in it.
 
 Image.fromarray(on_b.images[0])

@@ -47,8 +47,8 @@ def report(name: str, registration: abfm.Correspondence) -> None:
 # ------------
 #
 # The landmarks are twelve vertices of B and the corresponding points of A. The initial map maps
-# each vertex of B to the vertex of A with the same number. Landmarks improve it, and functions
-# improve it further between the landmarks.
+# each vertex of B to the vertex of A with the same number. Landmarks improve this map. Functions
+# improve the map further between the landmarks.
 
 vertices = np.arange(50, 1229, 100)
 landmarks = (truth[vertices], vertex_points(b, vertices))
