@@ -151,7 +151,7 @@ def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, wi
 
 @per_mesh
 def gradient(mesh: TriangleMesh) -> Matrix:
-    """Return ``grad``, vertex functions to fields, (2F, V), without a boundary condition."""
+    """Return ``grad``, which maps vertex functions to fields, (2F, V); no boundary condition."""
     return _face_operator(mesh, hat_gradients(mesh), mesh.faces, len(mesh.vertices))
 
 
@@ -181,8 +181,8 @@ def field_mass(mesh: TriangleMesh) -> Matrix:
 def averaging(mesh: TriangleMesh) -> Matrix:
     """Return ``I_V^F``, the average of face values at vertices, (V, F).
 
-    The entry is ``A_F(j) / (3 A_V(i))`` if vertex i belongs to face j. It preserves constants and
-    the integral. There is no boundary condition.
+    Entry (i, j) is ``A_F(j) / (3 A_V(i))`` if vertex i belongs to face j, and 0 otherwise. The
+    average preserves constants and the integral. There is no boundary condition.
     """
     count, corners = len(mesh.faces), mesh.faces.ravel()
     weights = np.repeat(face_areas(mesh) / 3, 3) / vertex_areas(mesh)[corners]
@@ -192,10 +192,11 @@ def averaging(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def divergence(mesh: TriangleMesh) -> Matrix:
-    """Return ``div = -G_V^-1 grad^T G_F``, fields to vertex functions, (V, 2F) [BKP*10, chapter 3].
+    """Return ``div = -G_V^-1 grad^T G_F``, (V, 2F) [BKP*10, chapter 3].
 
-    The field counts as zero beyond a boundary, so outward flux is negative divergence and the total
-    is always zero. The natural condition is ``v . n = 0``.
+    The matrix maps fields to vertex functions. The field counts as zero beyond a boundary, so
+    outward flux is negative divergence and the total is always zero. The natural condition is ``v .
+    n = 0``.
     """
     inverse_mass = sparse.diags_array(1 / vertex_areas(mesh))
     return Matrix(-inverse_mass @ gradient(mesh).T @ field_mass(mesh))
@@ -203,7 +204,7 @@ def divergence(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def curl(mesh: TriangleMesh) -> Matrix:
-    """Return ``curl v = div(-J v)``, fields to vertex functions, (V, 2F).
+    """Return ``curl v = div(-J v)``, (V, 2F), which maps fields to vertex functions.
 
     The field counts as zero beyond a boundary, so circulation along it is curl of the opposite sign
     and the total is always zero. The natural condition is ``v x n = 0``.
@@ -241,8 +242,8 @@ def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
 
     ``A`` (2F, E) is the broken gradient of edge functions. ``B`` (2F, V') is the rotated gradient
     of functions on the V' vertices off the boundary. They define the mixed Hodge form, and ``A^T
-    G_F B = 0`` up to rounding. Its natural space is fields with ``v . n = 0`` on the boundary,
-    whose flow stays on the surface.
+    G_F B = 0`` up to rounding. The natural space of this form is fields with ``v . n = 0`` on the
+    boundary, whose flow stays on the surface.
     """
     inner = ~mesh.is_boundary_vertex
     return edge_gradient(mesh), Matrix((rotation(mesh) @ gradient(mesh))[:, inner])
@@ -293,7 +294,10 @@ def function_norm_matrix(
 
 
 def l2_norm(mesh: TriangleMesh, f: FloatArray, mask: FloatArray | BoolArray | None = None) -> float:
-    """Return ``||f||`` in L2 on the surface, over all channels of ``f`` (V,) or (V, C)."""
+    """Return ``||f||`` in L2 on the surface, over all channels of ``f`` (V,) or (V, C).
+
+    The squared values are multiplied by ``mask`` (V,), such as True at the vertices that count.
+    """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     return float(np.sqrt((areas * (f.T**2)).sum()))
 

@@ -34,7 +34,10 @@ _NORM_LIMIT = 1e5
 
 
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
-    """Check a field (F, 3) and return it as an array."""
+    """Check a field and return it as an array (F, 3).
+
+    ParameterError unless it has one finite vector for each face.
+    """
     array = real_numbers(field, name, ParameterError)
     if array.shape != (len(mesh.faces), 3):
         raise ParameterError(
@@ -112,7 +115,7 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 
 
 def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray:
-    """Return the Lie bracket ``[v, u]`` of fields (F, 3), (F, 3).
+    """Return the Lie bracket ``[v, u]``, (F, 3), of two fields (F, 3).
 
     The derivative along the bracket is ``D_v D_u - D_u D_v`` (Eqs. 10 and 11). On smoothly varying
     meshes the error is proportional to the edge length.
@@ -126,7 +129,7 @@ def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray
 
 
 def exponential_action(matrix: Matrix, x: FloatArray, t: float) -> FloatArray:
-    """Compute ``exp(t matrix) x`` to rounding; the result is not finite if it overflows."""
+    """Compute ``exp(t matrix) x``, accurate up to rounding; an overflow gives infinities or NaN."""
     bound = abs(t) * float(np.min([abs(matrix).sum(axis=axis).max() for axis in (0, 1)]))
     if not bound <= _NORM_LIMIT:
         raise AdvectionError(

@@ -178,7 +178,7 @@ def as_mesh(source: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords
 
 
 def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:
-    """Return `as_mesh` of two surfaces; the same mesh twice if they are the same object."""
+    """Return two surfaces as meshes, see `as_mesh`; the same mesh twice if ``a`` is ``b``."""
     mesh = as_mesh(a, "a")
     return mesh, mesh if a is b else as_mesh(b, "b")
 

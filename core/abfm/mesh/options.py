@@ -51,8 +51,9 @@ class MeshOptions:
     """Changes to a mesh before it is checked, in the order in which they apply.
 
     The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
-    its value (empty for a flag). The function ``read`` converts text to its value. ParameterError
-    if the distance is not a positive number, or the hemisphere is neither L nor R.
+    its value (empty for a flag). They also have ``read``, a function that converts text to the
+    value. ParameterError if the distance is not a positive number, or the hemisphere is neither L
+    nor R.
     """
 
     merge: bool | float | None = _option(
@@ -99,7 +100,7 @@ class MeshOptions:
 
     @classmethod
     def value(cls, name: str, text: str) -> Any:
-        """Convert text to the value of an option, or raise a ParameterError."""
+        """Convert text to the value of the option with this name, or raise a ParameterError."""
         read = next(each.metadata["read"] for each in fields(cls) if each.name == name)
         value: Any = read(text)
         cls(**{name: value})

@@ -54,7 +54,10 @@ def interpolated(mesh: TriangleMesh, values: ArrayLike, k: int = 1) -> FloatArra
 
 
 def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
-    """Return k if the mesh subdivided k times has this number of faces, else raise a MeshError."""
+    """Return k such that the mesh subdivided k times has this number of ``faces``.
+
+    MeshError if there is no such k.
+    """
     count = len(mesh.faces)
     k = max(faces // count, 1).bit_length() // 2
     if faces != 4**k * count:

@@ -211,7 +211,10 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return a text, one row a line, without the words that its header does not announce."""
+    """Return a text without the words that its header does not announce.
+
+    Each row of the text must be one line, and so is each row of the result.
+    """
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
