@@ -184,7 +184,7 @@ class Painter:
         if not self._session.document.has_one_field and shown.flow.state is None:
             title = f"{title}, linear blend"
         title = self._extrapolated(title, is_behind)
-        unknown = self._unknown("carried")
+        unknown = self._unknown("advected source")
 
         def make() -> Paint:
             full_title = title if is_behind else _with_range(title, advected, colors)
@@ -282,7 +282,7 @@ class Painter:
         return get(inputs, lambda: Paint("colors", labels.linear_colors(values), title))
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        unknown = self._unknown("carried")
+        unknown = self._unknown("advected source")
         texture = self._shown.quantities.texture(advected, colors, unknown)
         if texture is None:
             return None
