@@ -17,7 +17,7 @@ class Display:
     """Base class of surfaces and results that `abfm.pages` can show."""
 
     def _repr_html_(self) -> str:
-        """Return an interactive view for a notebook, with the verdict."""
+        """Return the HTML of an interactive view with the verdict, for a notebook."""
         return str(_notebook().embedded(self))
 
     def show(self, path: str | os.PathLike[str] | None = None, up: str | None = None) -> Path:

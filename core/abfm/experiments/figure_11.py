@@ -166,7 +166,7 @@ def figure_12(setup: FigureSetup) -> Script:
 
 
 def figure_13(setup: FigureSetup) -> Script:
-    """Measure the maps of figure 12, and plot the share of vertices below each error."""
+    """Measure the maps of figure 12; plot the share of vertices with errors below each level."""
     poses = Poses.of(setup)
     example = poses.example(TABLE_1[12], [0, 1, 2], setup.small)
     yield example

@@ -93,7 +93,7 @@ class Example:
 
     @property
     def values(self) -> dict[str, FloatArray]:
-        """Functions (V,) whose specification is ``file:name.npy``, by this specification."""
+        """Functions (V,) by specification, for specifications of the form ``file:name.npy``."""
         sources, targets = zip(*self.specs, strict=True)
         columns = [*self.problem.source.T, *self.problem.target.T]
         named = zip([*sources, *targets], columns, strict=True)

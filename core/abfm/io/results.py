@@ -361,9 +361,9 @@ def save_parts(
 ) -> tuple[str, ...]:
     """Write all parts that can be computed and loaded again; return a line for each missing part.
 
-    ``substitutes`` replace required arrays of missing parts. A line has the name of a part and the
-    reason. ResultError if a required array without a substitute is missing, or the file cannot be
-    written.
+    A line has the name of a part and the reason why it is missing. ``substitutes`` replace required
+    arrays of missing parts. ResultError if a required array without a substitute is missing, or the
+    file cannot be written.
     """
     arrays: dict[str, Any] = {}
     sizes: dict[str, int] = {}

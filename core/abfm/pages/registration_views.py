@@ -15,8 +15,8 @@ CHANNELS_MAX = 4  # maximum number of pairs of functions that are shown
 def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
     """Return the fronts from which A and B are shown.
 
-    B is shown from its best side. A is shown from the corresponding side, rotated as the map
-    rotates B. A cortex is shown from its lateral side. ``up`` is the axis that points upwards.
+    B is shown from its best side. A is shown from the side of B, rotated like the points of B by
+    the map. A cortex is shown from its lateral side. ``up`` is the axis that points upwards.
     """
     target = []
     if isinstance(found, Registration) and not found.match.problem.is_of_landmarks:

@@ -70,7 +70,7 @@ class SequenceCheckpoint:
         self.path: Path | None = None  # path, set by `restore`
 
     def restore(self, solver: SequenceSolver) -> None:
-        """Restore a solver from the checkpoint of its problem, unless the file is damaged."""
+        """Restore a solver from the checkpoint of its problem, if there is an undamaged one."""
         if self._result is None:
             return
         self._problem = _digest(solver)

@@ -55,7 +55,7 @@ class Frames:
         """Size of the frames, the unit of a relative sigma.
 
         The size is the root mean square, over frames, of the L2 norm of each frame minus its mean.
-        The mesh has unit area, and all channels count. It is 1 if all frames are constant.
+        The mesh has unit area, and all channels count. The size is 1 if all frames are constant.
         """
         term = FunctionTerm(
             self.mesh.normalized(), self.values[0], self.values[0], self.mask, self.weights

@@ -212,8 +212,8 @@ class Sequence(Solution, Display):
     def speed(self) -> FloatArray:
         """Root mean square of the speed over the surface, (T - 1,).
 
-        The displacement energy is half its square times the area [Lefèvre & Baillet, IEEE TPAMI 31
-        (2009)].
+        The displacement energy is half the square of this speed, times the area [Lefèvre & Baillet,
+        IEEE TPAMI 31 (2009)].
         """
         areas = face_areas(self.mesh)
         squares = np.array([areas @ (v**2).sum(axis=1) for v in self.velocity])

@@ -58,8 +58,8 @@ class Solution:
         Residuals of each interval by the discrete flow and by flow lines, and the share of faces
         that flow lines fold, as in `Match`. NaN if unknown.
     noise : float
-        Largest residual that independent noise at vertices causes. The number is the median over
-        intervals, but the value of each interval decides its verdict.
+        Largest residual that independent noise at vertices causes, the median over intervals. The
+        verdict of an interval depends on the value of this interval instead.
     verdicts : tuple of Verdict
         The verdict of each interval.
     motion_share : float

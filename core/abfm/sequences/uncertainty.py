@@ -104,7 +104,7 @@ def posterior(sequence: Solution) -> Posterior:
 
 
 def _values(sequence: Solution) -> int:
-    """Return the number of compared values of a frame."""
+    """Return the number of compared values of a frame: vertices times channels."""
     mask = sequence._frames.mask
     vertices = len(sequence.mesh.vertices) if mask is None else int(np.count_nonzero(mask))
     return vertices * int(np.count_nonzero(sequence._frames.weights))

@@ -12,7 +12,7 @@ from contextvars import ContextVar
 
 
 class CancelledError(Exception):
-    """Raised inside cancelled work; `match` catches it."""
+    """Error that ends cancelled work; `match` catches it and returns its best iterate."""
 
 
 class Control:

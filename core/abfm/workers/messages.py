@@ -1,7 +1,7 @@
 """Messages between a worker and its subprocess.
 
 Immutable values such as meshes are sent by name, a digest of their content. Each value is sent to a
-process once, and results never send it back.
+process once, and the process never sends it back.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Request(NamedTuple):
 
 
 class ControlUpdate(NamedTuple):
-    """The state of the `Control` of a call that may be running."""
+    """Message with the state of the `Control` of a call, which may already have ended."""
 
     number: int
     paused: bool
@@ -99,7 +99,7 @@ it is the value or the error.
 
 
 class Answer(NamedTuple):
-    """One of the answers to a request."""
+    """A step, a report, a warning, the value or the error of a requested call."""
 
     number: int
     kind: MessageKind

@@ -23,7 +23,7 @@ _running: weakref.WeakSet[subprocess.Popen[bytes]] = weakref.WeakSet()
 
 
 class ProcessEndedError(Exception):
-    """The other process has ended, by `ChildProcess.close` or from outside."""
+    """The child process has ended, by `ChildProcess.close` or from outside."""
 
 
 class ChildProcess:

@@ -56,11 +56,11 @@ class Step:
         return self.expected - elapsed
 
     def started_now(self) -> Step:
-        """Return the same step as if it started now; another process may have another clock."""
+        """Return a copy that starts now, because clocks of processes may differ."""
         return replace(self, began=time.monotonic())
 
     def text(self, now: float | None = None) -> str:
-        """Return the step as text, with its remaining or elapsed time from two seconds on."""
+        """Return the step as text; from two seconds on, with its remaining or elapsed time."""
         remaining, elapsed = self.seconds_remaining(now), self._elapsed(now)
         if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
             return f"{self.task}, about {rounded_time(remaining)} left"

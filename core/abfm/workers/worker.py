@@ -1,7 +1,7 @@
 """Work in a subprocess, so that the main process stays responsive.
 
-Some libraries hold Python's interpreter lock while they factor a matrix, and a window holds it
-while it draws. A subprocess has its own interpreter, and can be killed.
+Some libraries hold Python's interpreter lock while they factor a matrix, and a window holds the
+lock while it draws. A subprocess has its own interpreter, and can be killed.
 """
 
 from __future__ import annotations
@@ -213,7 +213,10 @@ class _Connection:
         return bool(self._calls)
 
     def send_update(self, update: ControlUpdate) -> None:
-        """Send an update without waiting, or leave it to the thread that is sending a request."""
+        """Send an update without waiting.
+
+        If another thread is sending a request, that thread sends the update afterwards.
+        """
         self._updates.append(update)
         self._send_updates()
 
@@ -338,7 +341,7 @@ class Server:
             del self._controls[number]
 
     def _send(self) -> None:
-        """Send all pending answers at once; a drawing window receives few messages per second."""
+        """Send pending answers together, as a drawing window receives few messages per second."""
         while True:
             answers = [self._unsent.get()]
             if answers[0].kind == "report":
@@ -353,7 +356,10 @@ class Server:
 def _show_warning(
     before: Callable[..., None], message: Warning | str, category: type[Warning], *place: Any
 ) -> None:
-    """Send a library warning to the thread that waits for the call; print other warnings."""
+    """Send a library warning to the thread that waits for the call.
+
+    Other warnings are printed by ``before``, the function that this one replaces.
+    """
     answer = _answer.get(None)
     if answer is not None and issubclass(category, AbfmWarning):
         answer("warning", str(message))

@@ -279,7 +279,7 @@ def long_range_field(energy: MatchingEnergy) -> FloatArray:
 
 
 def change_rates(frames: Frames) -> FloatArray:
-    """Return the rate of change of frames, weighted by areas, mask and channels, (T - 1,)."""
+    """Return the norm of the rate of change in each interval, by mask and weights, (T - 1,)."""
     durations = frames.durations
     counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
     if frames.mask is not None:

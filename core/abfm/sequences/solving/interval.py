@@ -54,10 +54,10 @@ class FieldPoint:
 
 
 class Interval:
-    """The minimisation between two frames, on the mesh scaled to unit area, with absolute sigmas.
+    """The minimisation of the energy of one interval, on the mesh scaled to unit area.
 
-    A shift (C, V), see `advection_defect`, is subtracted from functions advected by the discrete
-    flow.
+    Sigmas are absolute. A shift (C, V), see `advection_defect`, is subtracted from functions
+    advected by the discrete flow.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The fields of all intervals, coupled in time by sweeps, with long-range searches."""
+"""Solver of the fields of all intervals, with long-range searches and sweeps through time."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ class SequenceSolver:
                 on_step()
 
     def _update_energy(self, i: int) -> None:
-        """Set the energy of an interval's field to the one measured by flow lines."""
+        """Measure the energy of the field of interval ``i`` by flow lines, and store it."""
         checkpoint()
         self._defects[i] = advection_defect(self.energy(i), self.fields[i])
         interval = self._interval(i, shift=self._defects[i])

@@ -31,7 +31,7 @@ class Track:
     times : (N,) array
         Middles of the intervals in which the point was found.
     points : SurfacePoints
-        Places of the critical point at these times, (N,).
+        Positions of the critical point at these times, (N,).
     kinds : tuple of str
         Kinds of the critical point at these times; a source may become a spiral.
     index : int
