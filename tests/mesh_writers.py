@@ -20,7 +20,7 @@ def off_text(vertices, faces):
 
 
 def mni_obj(mesh, colors=0):
-    """Return an MNI object file (Montreal Neurological Institute) with a kind of colours."""
+    """Return an MNI object file with one colour (``colors`` 0), one per face (1) or vertex (2)."""
     points = "\n".join(" ".join(map(repr, row)) for row in mesh.vertices.tolist())
     V, F = len(mesh.vertices), len(mesh.faces)
     some = "\n".join(["1 1 1 1"] * (1, F, V)[colors])

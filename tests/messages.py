@@ -35,7 +35,7 @@ _current = None  # the Messages of the running test
 
 @contextmanager
 def raises(error, *named, recorded=True):
-    """Act like `pytest.raises`, and check the message (only its names if not ``recorded``)."""
+    """Act like `pytest.raises`, and check the message (if not ``recorded``, only names in it)."""
     with pytest.raises(error) as caught:
         yield caught
     check = check_message if recorded else check_names
@@ -43,7 +43,7 @@ def raises(error, *named, recorded=True):
 
 
 def check_message(text, *named):
-    """Assert that a text contains names and numbers, and is worded as in the snapshot.
+    """Assert that a text contains the given names and numbers, and agrees with the snapshot.
 
     A name must be a complete word of the text: 7 is not in "17 values". In a test by Hypothesis,
     whose texts differ from run to run, only the names are checked.
@@ -54,7 +54,7 @@ def check_message(text, *named):
 
 
 def check_names(text, *named):
-    """Assert that a text contains names and numbers."""
+    """Assert that a text contains the given names and numbers as complete words."""
     assert isinstance(text, str), text
     missing = [name for name in named if not _word(str(name)).search(text)]
     assert not missing, f"{missing} not in {text!r}"
@@ -110,7 +110,7 @@ class Messages:
 
 
 def _temporary_folders(base):
-    """Return patterns of the folders that tests write to, shortened by messages and complete."""
+    """Return patterns of the folders that tests write to: of shortened and of complete paths."""
     base, end = str(base), r"[^\s'\"/]*/"
     heads = "|".join(re.escape(base[:length]) for length in range(len(base), 9, -1))
     shortened = rf"(?:{re.escape(base)}/[^\s'\"]*?{'|' + heads if heads else ''})\.\.\.(?:{end})?"
@@ -170,7 +170,7 @@ class MessageSnapshot:
 
 
 def key(nodeid):
-    """Return the module and the test of a test id, without spaces and local paths."""
+    """Return the key of a test in the snapshot: module and name, without spaces and paths."""
     module, _, test = nodeid.partition("::")
     for path in (str(REPOSITORY), str(REPOSITORY).encode("unicode_escape").decode()):
         test = test.replace(path, "REPOSITORY")

@@ -1,7 +1,7 @@
 """Peak memory of the current process.
 
-On Linux, `ru_maxrss` includes the peak of the parent process. In a child of a larger process it
-therefore does not change.
+On Linux, `ru_maxrss` includes the peak of the parent process. It is therefore useless in a child
+of a larger process.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def megabytes():
-    """Return the peak memory of this process since `forget`, or since its start."""
+    """Return the peak memory of this process since the last `forget`, or since its start, in MB."""
     if sys.platform == "linux":
         status = Path("/proc/self/status").read_text()
         return int(re.search(r"^VmHWM:\s*(\d+) kB$", status, re.MULTILINE)[1]) / 1e3
@@ -21,6 +21,6 @@ def megabytes():
 
 
 def forget():
-    """Reset the peak, so that earlier use of memory does not hide later use."""
+    """Reset the peak memory, so that an earlier peak does not hide a later one."""
     with contextlib.suppress(OSError):  # if the system does not support it
         Path("/proc/self/clear_refs").write_text("5")

@@ -39,7 +39,7 @@ def words_of(line, **places):
 
 @contextmanager
 def refused_soon():
-    """Fail if a command that must be refused is still running after two minutes."""
+    """Make the test fail if a command that must be refused is still running after two minutes."""
 
     def fail(number, frame):
         pytest.fail("a command that must be refused was accepted")
@@ -76,7 +76,7 @@ def kill(number):
 
 
 def lingering(numbers, seconds=20.0):
-    """Return those of some processes that still exist after so many seconds."""
+    """Wait at most ``seconds`` for processes to end; return the ids of those that still exist."""
     end = time.monotonic() + seconds
     while (
         left := [each for each in numbers if psutil.pid_exists(each)]

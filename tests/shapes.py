@@ -24,7 +24,7 @@ def with_loose_vertex(mesh):
 
 
 def with_thin_triangles(mesh):
-    """Return the mesh with a vertex in each face, close to the middle of an edge."""
+    """Return the mesh with an additional vertex in each face, close to the middle of an edge."""
     weights = np.array([0.01, 0.495, 0.495])
     added = np.einsum("c,fcx->fx", weights, mesh.vertices[mesh.faces])
     first, second, third = mesh.faces.T

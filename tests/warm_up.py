@@ -24,7 +24,7 @@ _CONCAVE = "OFF\n6 6 0\n0 0 0\n2 0 0\n2 2 0\n1 1 0\n0 2 0\n1 1 2\n5 4 3 2 1 0\n"
 
 
 def compile_kernels():
-    """Run a little of each computation with kernels."""
+    """Run a short example of each computation that uses compiled kernels."""
     warm_up.start().join()
     body = five_limbs(300)
     match = abfm.match(body, *body.vertices.T[:2], _FEW_ITERATIONS)

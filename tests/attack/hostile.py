@@ -1,4 +1,4 @@
-"""Hostile files: bombs, nesting, references, long lines, broken and large meshes.
+"""Hostile files: decompression bombs, nesting, references, long lines, broken and large meshes.
 
 `HOSTILE` is a table of names and functions of a `random.Random` that return a specimen. Wrong
 counts and indices, devices and texts are in tables of `tests/core/reading` and `tests/core/mesh`.
@@ -81,7 +81,7 @@ def _repeated_arrays(chance):
 
 
 def _packed(chance):
-    """Return gigabytes of one byte, compressed into a few kilobytes."""
+    """Return a file of a few kilobytes that expands to gigabytes of one byte."""
     if chance.random() < 0.3:
         data = base64.b64encode(bomb(chance.choice((1 << 20, 1 << 30)))).decode()
         return _gifti(_POINTS.format(42, "GZipBase64Binary", "", data), chance=chance)
@@ -92,7 +92,7 @@ def _packed(chance):
 
 
 def _lines(chance):
-    """Return a line, a word or a digit that is repeated a million times."""
+    """Return a file in which a line, a word or a digit is repeated a million times."""
     name = chance.choice(("a.off", "a.obj", "a.csv", "a.txt", "a.vts"))
     text = {"a.off": _OFF, "a.obj": _OBJ}.get(name, "1\n" * COUNT)
     reader = "mesh" if name in ("a.off", "a.obj") else chance.choice(("values", "map", "frames"))

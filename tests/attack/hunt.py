@@ -34,7 +34,7 @@ SHRUNK = ("mutations", "hostile")
 
 @dataclass
 class Tally:
-    """Counts of one part, its largest time and memory, and its faults by seed."""
+    """Results of one part: number of trials, largest time and memory, and faults by seed."""
 
     part: str
     trials: int = 0
@@ -56,7 +56,7 @@ class Tally:
 
 
 def hunt(tally, attempt, seed, trials=40, shrinks=False):
-    """Make the trials of a seed, always the same ones, and add the results to a tally.
+    """Make the trials that a seed determines, and add their results to a tally.
 
     Faults are shrunk only in parts whose trials depend only on the seed.
     """
@@ -120,7 +120,7 @@ def run_part(part, seed, seconds, shrinks=False):
 
 
 def table(tallies):
-    """Return lines for the terminal, with the faults below."""
+    """Return a table of the parts as text for the terminal, followed by the faults."""
     heads = ("part", "trials", "refused", "faults", "longest (s)", "most memory (MB)")
     rows = [heads, *(tally.row() for tally in tallies)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -1,7 +1,7 @@
 """Random use of the window: sequences of all actions of a user.
 
-A sequence ends when nothing is computed any more. Undoing everything must then lead back to its
-beginning. The window stays open from one sequence to the next.
+A sequence ends when nothing is computed any more. Undoing all steps must then restore the document
+at the beginning of the sequence. The window stays open from one sequence to the next.
 """
 
 import re
@@ -87,7 +87,7 @@ class Monkey(ExitStack):
         self._faults[" ".join(what.split())] = None  # each one once, in their order
 
     def _act(self, chance):
-        """Do something, and return its description, in brackets if the widget was missing."""
+        """Do a random action; return its description, in brackets if its widget was missing."""
         self.gui.frames(1)
         name = chance.choice(_ACTIONS)
         try:
@@ -107,9 +107,9 @@ class Monkey(ExitStack):
         return [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
 
     def _click(self, chance):
-        """Click on a widget: half of the time of an open menu, list or dialog, or of the solver.
+        """Click on a random widget, and sometimes wait for the end of a match.
 
-        Sometimes wait for the end of a match.
+        Half of the clicks are on an open menu, list or dialog, or on buttons of the solver.
         """
         found, dialogs = self._usable(*_CLICKED), self.gui.window.dialogs
         first = [w for w in found if w.kind in ("item", "choice") or w.label in _SOLVER]
@@ -236,7 +236,7 @@ class Monkey(ExitStack):
 
 
 def differences(one, other):
-    """Return the fields that differ in two documents, except those without steps of undo."""
+    """Return the names of fields that differ in two documents, except fields that undo ignores."""
     one, other = (
         replace(each, view=replace(each.view, viewpoint=None, enlarged=""), time=0.0)
         for each in (one, other)
@@ -246,7 +246,7 @@ def differences(one, other):
 
 
 def monkey_files(folder):
-    """Write files to open: valid ones three times as often as broken ones."""
+    """Write files for the window to open; return valid paths three times, broken ones once."""
     (folder / "folder.off").mkdir()
     contents = {name: specimens()[name].content for name in ("a.off", "result.npz", "plain.abfm")}
     good = [write(folder, name, content) for name, content in contents.items()]

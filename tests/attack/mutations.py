@@ -48,7 +48,7 @@ _LARGEST = 2 << 20
 
 
 def mutant(chance):
-    """Return a changed specimen and the names of its changes."""
+    """Return a specimen (a small valid file) after random changes, and the names of the changes."""
     specimen = specimens()[chance.choice(list(specimens()))]
     content, companions, done = specimen.content, dict(specimen.companions), []
     is_packed = specimen.name.endswith((".gz", ".mgz")) and chance.random() < 0.8
@@ -68,7 +68,7 @@ def mutant(chance):
 
 
 def _place(chance, data):
-    """Return a place in a file: anywhere, or half of the time near its beginning."""
+    """Return a random position in a file, in half of the cases near its beginning."""
     return chance.randint(0, min(len(data), 400) if chance.random() < 0.5 else len(data))
 
 
@@ -80,7 +80,7 @@ def _bits(chance, data):
 
 
 def _piece(chance, data):
-    """Insert, overwrite, delete or repeat a block of bytes."""
+    """Insert, overwrite, delete or repeat a random block of bytes."""
     step = chance.choice((1, 4, 8))
     begin = _place(chance, data) // step * step
     end = begin + chance.choice((0, 1, 4, 8, 100, max(len(data) // 3, 1)))
@@ -104,7 +104,7 @@ def _words(chance, data):
 
 
 def _lines(chance, data):
-    """Replace or insert a line by another one, delete it, or change the ends of all."""
+    """Replace, insert or delete a line, or change the line ends of the file."""
     rows = data.split(b"\n")
     place, other = chance.randrange(len(rows)), chance.choice(rows)
     rows[place : place + chance.choice((0, 1))] = chance.choice(([], [other]))

@@ -67,7 +67,7 @@ class Signals:
         write(folder, "result.npz", specimens()["result.npz"].content)
 
     def attempt(self, chance, name=""):
-        """Send one signal to the process or its group, or two to the process."""
+        """Send one signal to a process or its group, or two signals to the process."""
         name = name or chance.choice(list(COMMANDS))
         words, seconds, files = COMMANDS[name]
         number, mode = chance.choice(_SIGNALS), chance.choice(("process", "group", "twice"))
@@ -118,7 +118,7 @@ def _restore_signals():
 
 
 def _send(process, number, mode, after):
-    """Send a signal after the program handles signals, not during the start of Python."""
+    """Send a signal to a process once it handles signals, which it does not while Python starts."""
     while process.poll() is None:
         status = Path(f"/proc/{process.pid}/status").read_text().splitlines()
         caught = next((line.split()[1] for line in status if line.startswith("SigCgt:")), "0")
@@ -187,7 +187,7 @@ class Kills:
         }
 
     def attempt(self, chance, name=""):
-        """Kill a child at a random moment: the old file or the new one is there, complete."""
+        """Kill a child at a random moment; the complete old or new file must exist afterwards."""
         name = name or chance.choice(list(self.savings))
         (save, version_of), after = self.savings[name], 0.03 * chance.random()
         with tempfile.TemporaryDirectory(dir=self._folder) as place:

@@ -36,7 +36,7 @@ _INNER = re.compile(
 
 
 def read_as(reader, path):
-    """Read a file; an `AbfmError` is a correct refusal, any other error a fault."""
+    """Read a file. An `AbfmError` is a correct refusal of the file; any other error is a fault."""
     try:
         READERS[reader](path)
     except AbfmError as error:
@@ -134,7 +134,7 @@ def _session():
 
 
 def _state(path):
-    """Read a file that the app stores between launches."""
+    """Read a file in which the app stores its state between launches."""
     state, was_file = StateFolder(path.parent), path.is_file() and not path.is_symlink()
     assert all(isinstance(p, Path) for p in state.recent())
     Preferences(_session(), state)

@@ -27,7 +27,7 @@ _PATIENCE = 120.0  # wall-clock seconds, for a process that waits without comput
 
 
 class Victim(contextlib.ExitStack):
-    """Opens files in a process that is restarted when it dies; files with a fault are stored."""
+    """Opens files in a process, which is restarted when it dies. Files with a fault are stored."""
 
     def __init__(self, keep, seconds=SECONDS, megabytes=MEGABYTES, open_file=readers.read_as):
         super().__init__()

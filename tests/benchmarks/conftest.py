@@ -1,4 +1,4 @@
-"""Fixture of the benchmarks: batches reuse one process."""
+"""Fixture for tests of benchmarks, by which batches reuse one worker process."""
 
 import pytest
 

@@ -26,6 +26,6 @@ def tangent(mesh, field):
 
 
 def bump(mesh, centre, width=0.1):
-    """Return a Gaussian of the Euclidean distance, (V,); ``width`` is over ``length_scale``."""
+    """Return a Gaussian of the Euclidean distance to a centre, (V,); its width is in sqrt(area)."""
     squared = ((mesh.vertices - np.asarray(centre, dtype=float)) ** 2).sum(axis=1)
     return np.exp(-squared / (2 * (width * mesh.length_scale) ** 2))

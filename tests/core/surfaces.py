@@ -36,7 +36,7 @@ def random_function(mesh, seed=0):
 
 
 def edge_divergence(mesh):
-    """Return the divergence as an edge function, (E, 2F): the jump of the normal flux."""
+    """Return the matrix of the divergence at edges, (E, 2F): the jump of the normal flux."""
     mass = sparse.diags_array(1 / edge_areas(mesh))
     return Matrix(-mass @ edge_gradient(mesh).T @ field_mass(mesh))
 
@@ -48,12 +48,12 @@ def norm(mesh, values):
 
 
 def relative_error(mesh, values, exact):
-    """Return the L2 norm of the difference over that of ``exact``."""
+    """Return the L2 norm of ``values - exact``, divided by the L2 norm of ``exact``."""
     return norm(mesh, values - exact) / norm(mesh, exact)
 
 
 def last_order(errors):
-    """Return p in ``error ~ edge length^p`` between the last two meshes, of halving edge length."""
+    """Return the order p in ``error ~ edge length^p`` of the last two meshes. Lengths halve."""
     coarse, fine = np.asarray(errors)[-2:]
     return np.asarray(np.log2(coarse / fine))
 

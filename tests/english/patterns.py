@@ -1,4 +1,4 @@
-"""Patterns of private English, each with what to write instead."""
+"""Patterns of private English, each with a remedy: what to write instead."""
 
 import re
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ WORDS_PER_SENTENCE_MAX = 25
 
 @dataclass(frozen=True)
 class Pattern:
-    """A pattern that prose must not contain, and the remedy."""
+    """A pattern that prose must not contain, and its remedy, the words to write instead."""
 
     name: str
     regex: re.Pattern[str]

@@ -24,7 +24,7 @@ _RASTERIZER_DISCARD = 0x8C89  # of OpenGL
 
 @pytest.fixture(scope="session", autouse=True)
 def _frames_without_pixels():
-    """Compute pixels only for pictures and clicks, since they take most of the time of a frame."""
+    """Compute the pixels of a frame only for pictures and clicks, as they take most of its time."""
     if sys.platform != "linux":
         yield
         return
@@ -92,8 +92,8 @@ def gui(tmp_path, request):
 def walk(request, monkeypatch):
     """Return a function that takes the steps of a tour.
 
-    Each step starts with the document of the first one, perhaps with other values. Its parameters
-    are the fixtures that it needs. Patches of a step end with it.
+    Each step starts with the document of the first step, perhaps with other values. The parameters
+    of a step are the fixtures that it needs. Patches by `monkeypatch` end with the step.
     """
     first = []
 
@@ -111,7 +111,7 @@ def walk(request, monkeypatch):
 
 
 class Desk:
-    """A session with its files and its questions to the user."""
+    """A session with the parts of the window that open files and show questions to the user."""
 
     def __init__(self, session, folder):
         self.session = session
@@ -146,7 +146,7 @@ class Desk:
 
 @pytest.fixture
 def desk(tmp_path):
-    """Return a session with files on a small sphere whose functions are known."""
+    """Return a `Desk` on a small sphere whose functions are computed."""
     desk = Desk(Session(icosphere(2), "sphere.off"), tmp_path / "state")
     desk.settle()
     yield desk
@@ -158,7 +158,8 @@ def desk(tmp_path):
 def held(monkeypatch):
     """Return a function that blocks calls of a module's function.
 
-    Calls whose arguments satisfy the condition set the first event, and wait for the second one.
+    Calls whose arguments satisfy the condition set the first returned event, and wait until the
+    test sets the second one.
     """
 
     def hold(module, name, condition=lambda *_: True):

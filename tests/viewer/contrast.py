@@ -40,13 +40,13 @@ _XYZ = np.array(
 
 
 def contrast(one, other):
-    """Return the contrast of sRGB colours (0 to 1): 1 for equal ones, 21 for black on white."""
+    """Return the contrast of two sRGB colours (0 to 1): 1 if equal, 21 for black on white."""
     dark, light = sorted((_luminance(one), _luminance(other)))
     return (light + 0.05) / (dark + 0.05)
 
 
 def difference(one, other, sight):
-    """Return the CIELAB distance of sRGB colours in a kind of vision; black and white have 100."""
+    """Return the CIELAB distance of two sRGB colours, as ``sight`` sees them (at most 100)."""
     return float(np.linalg.norm(_lab(one, sight) - _lab(other, sight)))
 
 

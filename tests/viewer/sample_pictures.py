@@ -2,7 +2,7 @@
 
     python -m tests.viewer.sample_pictures
 
-Run it when a figure or a bundled mesh is added or removed.
+Run this program when a figure or a bundled mesh is added or removed.
 """
 
 from __future__ import annotations

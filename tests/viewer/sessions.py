@@ -29,7 +29,7 @@ def problem(parameters=QUICK, channel=PAIR):
 
 
 def opened(parameters=QUICK, channel=PAIR):
-    """Return a session on the sphere whose functions are known, without history."""
+    """Return a session on the sphere with computed functions and an empty undo history."""
     session = Session(SPHERE, "sphere")
     view = replace(session.view, flow_after_match=False)  # tests need a constant time
     session.editor.amend(channels=(channel,), parameters=parameters, view=view)
@@ -37,7 +37,7 @@ def opened(parameters=QUICK, channel=PAIR):
 
 
 def until(condition, session=None, seconds=30):
-    """Wait for a condition, updating the session if there is one."""
+    """Wait until a condition holds, and update the session, if one is given, meanwhile."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, "waited in vain"
@@ -47,7 +47,7 @@ def until(condition, session=None, seconds=30):
 
 
 def ready(session):
-    """Return the session after its functions are computed."""
+    """Wait until the functions of the session are computed, and return the session."""
     until(lambda: not session.obstacle, session)
     return session
 
@@ -59,7 +59,7 @@ def matched(session):
 
 
 def stepped(match, shares=(0.3, 0.7)):
-    """Return the match at the end of a path, whose other steps are shares of its field."""
+    """Return the match with new steps before the last; step i has its field times ``shares[i]``."""
     functions, known = match.problem.functions, {"folded": 0.0, "log2_shape": 0.2}
     smoother = []
     for s in shares:
@@ -73,7 +73,7 @@ def stepped(match, shares=(0.3, 0.7)):
 
 
 def drawn_texts(gui, monkeypatch, method):
-    """Return a function that draws a frame and returns texts of a method of `Ui` and colours."""
+    """Return a function that draws a frame and returns texts and colours drawn by a `Ui` method."""
     texts, write = [], getattr(Ui, method)
 
     def write_and_record(ui, text, kind="muted", *more, **others):
@@ -109,7 +109,7 @@ def hold(session):
 
 
 def end_run(session):
-    """End the run, if there is one, and take its best field."""
+    """End the run, if there is one, with its best field as the result."""
     session.solver.cancel()
     until(lambda: not session.solver.running, session)
 
@@ -123,7 +123,7 @@ def match(gui):
 
 
 def begin(gui, iterations=-1):
-    """Start a run, and wait until it has made more than some iterations."""
+    """Start a run, and wait until it has made more than ``iterations`` iterations."""
     gui.click("Match")
     gui.wait(lambda s: s.matching.snapshot and s.matching.snapshot.iteration.iteration > iterations)
 
@@ -139,7 +139,7 @@ def take_back(gui):
 
 
 def restart(gui, document=None):
-    """Start a tour's next step with a document, by default the current one, as if just opened."""
+    """Start the next step of a tour with a document (None: the current one) as if just opened."""
     gui.session.solver.cancel()
     gui.wait(lambda s: not s.solver.running)
     for card in gui.session.notices.cards:

@@ -52,7 +52,7 @@ class Deadly(Row):
 
 
 class Mortal(Row):
-    """A row that kills the first process that solves it; a folder records the first attempt."""
+    """A row that kills the first process that solves it; a file in a folder marks this attempt."""
 
     def task(self):
         if not os.path.exists(self.folder):

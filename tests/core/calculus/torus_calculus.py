@@ -25,7 +25,7 @@ def angles(points):
 
 
 def ring(v):
-    """Return the distance from the z axis: the length of ``d/du``. That of ``d/dv`` is MINOR."""
+    """Return the distance from the z axis, the length of ``d/du``; ``d/dv`` has length MINOR."""
     return MAJOR + MINOR * np.cos(v)
 
 

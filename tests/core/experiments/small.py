@@ -8,7 +8,7 @@ from abfm.maps.quality import DISTANCE_MAX, FOLDED_SHARE_MAX, RMS_DISTANCE_MAX
 
 
 def quiet(text, share):
-    """Check the arguments of a progress report."""
+    """Check the arguments of a progress report without printing it."""
     assert text
     assert 0 <= share <= 1
 
@@ -18,7 +18,7 @@ def stated(figure, mesh=None):
 
 
 def run(figure, mesh=None):
-    """Return the example and the findings of a figure, with finite measures."""
+    """Run the small version of a figure; return its example and findings, which must be finite."""
     setup = FigureSetup(mesh, small=True, report=quiet)
     figure_script = script(figure, setup)
     example = example_of(figure_script)

@@ -48,11 +48,11 @@ class Move:
         return Rotation.from_rotvec(self.turn).as_matrix()
 
     def places(self, mesh, points):
-        """Return points in space (..., 3) after the move."""
+        """Return where points in space (..., 3) lie after the move."""
         return self.scale * (points @ self.rotation.T + mesh.length_scale * np.asarray(self.shift))
 
     def numbers(self, mesh):
-        """Return the old number of each new vertex and of each new face."""
+        """Return the old number of each vertex and of each face of the moved mesh."""
         if self.seed is None:
             return np.arange(len(mesh.vertices)), np.arange(len(mesh.faces))
         rng = np.random.default_rng(self.seed)
@@ -68,15 +68,15 @@ class Move:
         return TriangleMesh(self.places(mesh, mesh.vertices[vertices]), corners)
 
     def function(self, mesh, f, power=0):
-        """Return a function on vertices (V, ...) whose unit is a power of the length."""
+        """Return a function on vertices (V, ...) of the moved mesh; its unit is length**power."""
         return self.scale**power * f[self.numbers(mesh)[0]]
 
     def on_faces(self, mesh, f, power=0):
-        """Return values on faces (F,) whose unit is a power of the length."""
+        """Return values on the faces (F,) of the moved mesh; their unit is length**power."""
         return self.scale**power * f[self.numbers(mesh)[1]]
 
     def field(self, mesh, v, power=1):
-        """Return vectors on faces (F, 3) whose unit is a power of the length."""
+        """Return vectors on the faces (F, 3) of the moved mesh; their unit is length**power."""
         return self.scale**power * (v @ self.rotation.T)[self.numbers(mesh)[1]]
 
 

@@ -1,4 +1,4 @@
-"""Mesh files that need as much time and memory as files of their size can."""
+"""Mesh files that need the most time and memory of all files of their size."""
 
 import base64
 import gzip
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def filled(beginning, piece, size, end=b""):
-    """Return the piece repeated as often as the size allows, with a beginning and an end."""
+    """Return a beginning, a piece repeated as often as the size allows, and an end."""
     return beginning + piece * ((size - len(beginning) - len(end)) // len(piece)) + end
 
 
@@ -127,7 +127,7 @@ def _off_rows(size, face, share):
 
 
 def _polygon(size, kind):
-    """Return one polygon with as many corners as fit: a circle or a random jagged star."""
+    """Return one polygon with as many corners as fit into the size: a circle or a random star."""
     count = size // 52
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     radius = 1 + (0 if kind == "convex" else 0.5) * np.random.default_rng(0).random(count)
@@ -137,7 +137,7 @@ def _polygon(size, kind):
 
 
 def _polygons(size, corners, radius, kind):
-    """Return as many polygons as fit, all around one circle with alternating radii."""
+    """Return as many polygons as the size allows, all around one circle with alternating radii."""
     angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     rings = np.resize(radius, corners)
     points = np.stack([rings * np.cos(angle), rings * np.sin(angle)], axis=1)
@@ -255,7 +255,7 @@ def _text_ply(size):
 
 
 def _many_nodes(size):
-    """Return a file with a node for every few bytes; the scene repeats the first node."""
+    """Return a glTF file with as many nodes as fit; the scene repeats the first node."""
     text = json.dumps(gltf_header(nodes=["NODES"], scenes=[{"nodes": ["SCENE"]}]))
     nodes = '{"mesh":0},' * (size // 15) + '{"mesh": 0}'
     text = text.replace('"NODES"', nodes).replace('"SCENE"', "0," * (size // 10) + "0")

@@ -33,7 +33,7 @@ SIZE = 800, 600
 
 @contextmanager
 def browser():
-    """Yield a browser; an AssertionError reports missing programs."""
+    """Yield a headless Chromium; raise AssertionError if it or chromedriver is missing."""
     program = next(filter(None, map(shutil.which, _NAMES)), None)
     driver = shutil.which("chromedriver")
     advice = "install it by ./run test or apt-get install chromium chromium-driver"
@@ -83,7 +83,7 @@ class Shown:
         ActionChains(self.driver).send_keys(*keys).perform()
 
     def go(self, key, time):
-        """Press a key, and wait until a time is drawn."""
+        """Press a key, and wait until the page has drawn the given time."""
         self.press(key)
         self.until(lambda: abs(self.drawn() - time) < 1e-6)
 
@@ -91,7 +91,7 @@ class Shown:
         return self.driver.find_element(By.CSS_SELECTOR, selector)
 
     def boxes(self, selector=".view"):
-        """Return the boxes of elements, (left, top, right, bottom)."""
+        """Return the boxes of elements by CSS selector: (left, top, right, bottom) in pixels."""
         text = f"""[...document.querySelectorAll("{selector}")].map((each) => {{
             const {{ left, top, right, bottom }} = each.getBoundingClientRect();
             return [left, top, right, bottom];
@@ -107,7 +107,7 @@ class Shown:
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
 
     def surface(self, number=0, across=1.0):
-        """Return the central part of a panel, by a fraction of its width and height."""
+        """Return a screenshot of the centre of a panel, ``across`` times its width and height."""
         left, top, right, bottom = self.boxes()[number]
         x, y, share = (left + right) / 2, (top + bottom) / 2, across / 2
         w, h = share * (right - left), share * (bottom - top)

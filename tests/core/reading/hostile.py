@@ -82,7 +82,7 @@ def rewrite(path, changes, compression=zipfile.ZIP_STORED):
 
 
 def refusal(load, path):
-    """Return the error of loading a result or project, a short line with the file name."""
+    """Return the error message of loading a result or project: a short line with the path."""
     with pytest.raises(ResultError) as caught:
         load(path)
     message = str(caught.value)
@@ -93,7 +93,7 @@ def refusal(load, path):
 
 
 def one_byte_changed(content, places):
-    """Yield the content with one byte changed, at each of some places."""
+    """Yield a copy of the content for each of the given positions, with the byte there changed."""
     for place in places:
         changed = bytearray(content)
         changed[place] ^= (0x01, 0x20, 0x80)[place % 3]
@@ -101,7 +101,7 @@ def one_byte_changed(content, places):
 
 
 def with_flipped_bits(path, load, check):
-    """Load a file with one byte changed: it must be refused, or have the same contents."""
+    """Load a file with one changed byte: it must be refused, or have the original contents."""
     content_before = path.read_bytes()
 
     @settings(max_examples=150, derandomize=True)
@@ -116,7 +116,7 @@ def with_flipped_bits(path, load, check):
 
 
 def load_or_refuse(path, load, check):
-    """Check a loaded file, unless it is refused in one line."""
+    """Load a file and check the result, unless the file is refused by a message of one line."""
     try:
         loaded = load(path)
     except ResultError as error:

@@ -22,7 +22,7 @@ def rotating_pattern(mesh: TriangleMesh, angle: float, count: int, wave=None):
 
 
 def relative_field_error(mesh: TriangleMesh, found, expected, f) -> float:
-    """Return the median relative error of a field where the function is steep."""
+    """Return the median relative error of a field over the faces where the function f is steep."""
     areas = face_areas(mesh)
     slopes = np.linalg.norm((gradient(mesh) @ f).reshape(len(areas), -1), axis=1)
     steep = slopes > 0.5 * np.sqrt(areas @ slopes**2 / areas.sum())
@@ -36,7 +36,7 @@ def coordinates(p):
 
 
 def bumps(places, width=0.35, noise=0.05):
-    """Return frames of a bump at angles on the equator, with noise; none where the angle is NaN."""
+    """Return frames of a bump at angles on the equator, with noise; no bump if an angle is NaN."""
     x, y, _ = SPHERE.vertices.T
     frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
     scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))

@@ -1,4 +1,4 @@
-"""A small task of each type, as inputs by name."""
+"""A small example of each type of task, given by the names and values of its inputs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BRIEF = {"refine": 0, "iterations": 6, "levels": 1}
 
 
 def bump(angle: float) -> np.ndarray:
-    """Return a function on the sphere, rotated about z."""
+    """Return a bump on the sphere, rotated about the z axis by an angle."""
     x, y, z = MESH.vertices.T
     along = x * np.cos(angle) + y * np.sin(angle)
     return np.exp(-((1 - along) ** 2 + z**2) / 0.3) + 0.2 * along * z
@@ -79,7 +79,7 @@ class Case:
         self.found = self.task().solve(self.monitor(folder / "out", self.partial.append))
 
     def row(self, **changes: Any) -> Row:
-        """Return the row of the inputs with changes; None removes an input."""
+        """Return a row of a table with these inputs after ``changes``; None removes an input."""
         return Row("one", self.inputs | changes, self.folder, self.kind)
 
     def task(self, **changes: Any) -> Task:

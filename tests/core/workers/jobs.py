@@ -46,7 +46,7 @@ def count_in_subprocess(_, upto):
 
 
 def pass_checkpoints(state):
-    """Count passed checkpoints until a control ends the call."""
+    """Pass checkpoints until the call is cancelled; count them in the state."""
     while True:
         checkpoint()
         state.lines.append(1)
@@ -64,7 +64,7 @@ def wait_for_file(_, file):
 
 
 def same_mesh(state, mesh):
-    """Return a mesh, and whether it is the object of the previous call."""
+    """Return a mesh, and whether it is the same object as in the previous call."""
     before = state.lines[-1] if state.lines else None
     state.lines = [mesh]
     return mesh, before is mesh

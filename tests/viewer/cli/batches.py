@@ -43,7 +43,7 @@ def results(out):
 
 
 def written(out):
-    """Return the state of each result file by name; it changes if the file is written again."""
+    """Return a value for each result file by name, which changes if the file is written again."""
     found = {}
     for path in out.glob("[!.]*.npz"):
         with suppress(OSError):
@@ -58,7 +58,7 @@ def changed_results(before, after):
 
 
 def victims(client):
-    """Return the process numbers of a client and of its workers."""
+    """Return the process ids of a client of a batch and of its workers."""
     workers = []
     with suppress(psutil.NoSuchProcess):
         workers = [each.pid for each in psutil.Process(client).children()]

@@ -9,7 +9,7 @@ from PIL import Image
 
 
 class Page(HTMLParser):
-    """The text, tags, links, names, pictures by title, and facts of a page with balanced tags."""
+    """Parsed content of a static page: text, tags, links, names, pictures by title, and facts."""
 
     def __init__(self, text):
         super().__init__(convert_charrefs=True)

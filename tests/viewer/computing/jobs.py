@@ -10,7 +10,7 @@ from abfm.workers.worker import report
 
 
 def count(cache, upto):
-    """Report numbers until all are counted or the run is cancelled; return their count."""
+    """Report the numbers up to a limit, or until the run is cancelled; return their count."""
     for number in range(upto):
         try:
             checkpoint()
@@ -37,7 +37,7 @@ def refuse(cache):
 
 
 def pid_if(cache, file):
-    """Return the process id if a file exists; otherwise create it and end the process."""
+    """Return the process id if a file exists; otherwise create the file and kill this process."""
     if not file.exists():
         file.touch()
         os._exit(1)

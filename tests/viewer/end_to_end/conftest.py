@@ -27,7 +27,7 @@ def matched(gui):
 
 @pytest.fixture
 def running(gui):
-    """Return the app during a run that does not end by itself."""
+    """Return the app during a run that continues until it is cancelled."""
     gui.session.editor.amend(parameters=ENDLESS)
     begin(gui)
     return gui

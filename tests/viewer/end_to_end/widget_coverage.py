@@ -1,6 +1,6 @@
 """A plugin of pytest that fails the run if a widget was shown but never used.
 
-It acts only if all tests of this folder ran, in any order and in any number of processes.
+The plugin acts only if all tests of this folder ran, in any order and number of processes.
 """
 
 from contextlib import contextmanager
@@ -92,8 +92,8 @@ class WidgetCoverage:
 def _name(widget):
     """Return the section and the name of a widget.
 
-    All channels, both sides of a channel, all steps of a path, and all dialogs that save have one
-    name.
+    Similar widgets share one name: those of all channels, of source and target, of all steps of a
+    path, and of all dialogs that save.
     """
     section = "message" if widget.section.startswith("message ") else widget.section
     section = section.replace("Functions/target", "Functions/source")
