@@ -196,7 +196,10 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _parts(found: Any) -> dict[str, Any]:
-    """Return a result, and its parts that documents also contain, by their names in JSON."""
+    """Return a result and those of its parts that the document shares, as a dictionary.
+
+    The keys are the names of the parts in the JSON of the project.
+    """
     parts = {} if found is None else {"result": found}
     for name in _PARTS:
         with suppress(AttributeError):
@@ -375,7 +378,7 @@ def _check(document: Document) -> None:
         _require(result is not None, "it has an initial map but no result")
         ends = initial.correspondence.a, initial.correspondence.b
         is_between = ends[0] is meshes[0] and ends[1] is meshes[-1]
-        _require(is_between, "the initial map is between other surfaces")
+        _require(is_between, "the initial map is not between the surfaces of the project")
     for number, run in enumerate(document.runs):
         _check_run(run, f"run {number} of {run.stages.size} rows")
     if document.labels is not None:

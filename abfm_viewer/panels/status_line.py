@@ -34,7 +34,10 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return texts about the mesh, its size and the frame rate, from longest to shortest."""
+    """Return alternative texts about mesh, size and frame rate, the longest one first.
+
+    The status line shows the first text that fits. ``room`` is its width in pixels.
+    """
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"

@@ -170,7 +170,7 @@ class Recoveries:
             return partial(self._offer, recovery, *load_project(path), load_origin(path))
         except AbfmError as error:
             aside = recovery.set_aside()
-            text = f"unsaved work of an earlier launch was moved to {aside}: {error}"
+            text = f"unsaved work cannot be read: {error}. It was moved to {aside}"
             return partial(self._session.notices.show, text, is_error=True)
 
     def _offer(

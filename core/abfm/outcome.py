@@ -81,7 +81,7 @@ def worse_residual(residual: float, verified: float) -> float: ...
 @overload
 def worse_residual(residual: FloatArray, verified: FloatArray) -> FloatArray: ...
 def worse_residual(residual: Any, verified: Any) -> Any:
-    """Return the larger residual of both checks, the discrete flow and flow lines.
+    """Return the larger residual of the two checks, the discrete flow and flow lines.
 
     Arrays are compared element by element. The residual of a check that was not made is NaN and is
     ignored. The result is NaN if neither check was made.

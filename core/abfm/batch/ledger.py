@@ -71,7 +71,7 @@ class LedgerEntry:
 
     @property
     def digest(self) -> str:
-        """Name of the result; empty if it is unknown."""
+        """Hash of the problem, which names its result file; empty if the hash is unknown."""
         return self.record.digest
 
     @property

@@ -55,10 +55,11 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Return an upper bound of the rate of each cluster.
+    """Return an upper bound of the rate of each cluster of vertices, (number of clusters,).
 
-    The rate is the absolute row sum of the matrix of ``D_v`` for fields v of length 1. ``clusters``
-    (V,) has the index of the cluster of each vertex.
+    ``D_v`` is the matrix of the derivative along a field v of length 1. The rate of a cluster is
+    the largest absolute row sum among the rows of its vertices. ``clusters`` (V,) has the index of
+    the cluster of each vertex.
     """
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]

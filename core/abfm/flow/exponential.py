@@ -128,7 +128,10 @@ def _likely_terms(x: float) -> int:
 
 
 def _bessel_coefficients(x: float) -> FloatArray:
-    """Return the coefficients ``c_k J_k(x)`` of a series, down to values below rounding."""
+    """Return the coefficients of the Chebyshev series, down to values below rounding errors.
+
+    They are ``J_0(x)``, and ``2 J_k(x)`` for k > 0, with the Bessel functions J_k.
+    """
     return bessel_coefficients(x, int(x + 14 * np.cbrt(x)) + 20)
 
 

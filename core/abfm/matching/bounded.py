@@ -215,7 +215,7 @@ class _Search:
                 high = middle
 
     def _set_path(self) -> None:
-        """Replace the path of the best match by all steps within the bound, including its step."""
+        """Make the path of the best match all steps within the bound, among them its own step."""
         assert self.best is not None
         selected = self.best.path[self.best.step]
         numbers = [i for i, each in enumerate(self._path) if each.velocity is selected.velocity]

@@ -104,7 +104,7 @@ def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
     reader = _BytesReader(data)
     version = reader.number()
     if version != 1:
-        raise ValueError(f"the file is not .mgh, or has version {version}; expected 1")
+        raise ValueError(f"the file is not .mgh, or has version {version}; expected version 1")
     counts = [reader.count(of) for of in ("columns", "rows", "slices", "frames")]
     kind = reader.number()
     if kind not in _MGH_TYPES:

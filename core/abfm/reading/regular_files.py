@@ -17,7 +17,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BufferedReader, BytesIO, RawIOBase
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
@@ -201,6 +201,10 @@ class Archive(Mapping[str, NDArray[Any]]):
         names = self._zip.namelist()
         self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
         self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
+        # `open` compares the name with its copy; an optional array with a damaged name is not lost
+        for member in self._zip.infolist():
+            with suppress(NotImplementedError, RuntimeError):  # reading the member reports these
+                self._zip.open(member).close()
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

@@ -91,7 +91,7 @@ _current: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
 
 @contextmanager
 def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Let `checkpoint` in this thread obey a control while ``is_active`` returns true."""
+    """Let a control pause and cancel `checkpoint` in this thread while ``is_active()`` is true."""
     before = _current.set((control, is_active))
     try:
         yield

@@ -169,6 +169,11 @@ def test_damage_is_detected(path):
             assert_array_equal(array, given[name])
 
     hostile.with_flipped_bits(path, load_arrays, check)
+    # the last copy of each name is in the directory of the zip
+    for name in given:
+        start = content.rindex(f"{name}.npy".encode())
+        path.write_bytes(content[:start] + b"~" + content[start + 1 :])
+        check_message(error_line(path))
     for length in range(0, len(content), len(content) // 50):
         path.write_bytes(content[:length])
         check_message(error_line(path))

@@ -345,7 +345,7 @@ class MatchingEnergy:
         return known[alpha]
 
     def measure(self, reach: float) -> Sum:
-        """Return the energies of the data terms in a norm that compares over a distance ``reach``.
+        """Return the energies of the data terms, in a norm that smooths over a distance ``reach``.
 
         With reach 0, functions are compared point by point.
         """

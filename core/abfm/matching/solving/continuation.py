@@ -238,7 +238,7 @@ def _corrected(state: State, level: int) -> State:
 
     A descent minimises the mismatch of the discrete flow only. The correction shifts the advected
     functions to the mean of the discrete flow and of flow lines. The shift is constant during the
-    descent. The corrected step replaces the best one if the larger residual of both checks is
+    descent. The corrected step replaces the best one if the larger residual of its two checks is
     smaller.
     """
     there = [i for i, result in enumerate(state.path) if result.stage.level == level]
@@ -494,7 +494,7 @@ def _refinement(state: State) -> State:
 
 
 def _may_refine(state: State) -> bool:
-    """Return whether a finer mesh may reduce the larger residual of both checks."""
+    """Return whether a finer mesh may reduce the larger one of the residuals of the two checks."""
     p, schedule, finest = state.energy.parameters, state.schedule, state.levels.all[-1].energy
     if p.refine == 0 or not p.solver.iterations or schedule.is_fixed or not _finest(state):
         return False

@@ -44,8 +44,8 @@ class References:
         self._budget -= count
         if self._budget < 0:
             raise ValueError(
-                f"{brief(what)} and the other files that the file refers to have more than "
-                f"{BYTES_MAX} bytes in total, which is too much"
+                f"{brief(what)} and the other files that the file refers to have too many "
+                f"bytes in total; expected at most {BYTES_MAX}"
             )
 
     def find(self, name: str) -> Path:
