@@ -196,7 +196,7 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _parts(found: Any) -> dict[str, Any]:
-    """Return a result and those of its parts that the document shares, as a dictionary.
+    """Return a result, and those of its parts that the document also uses, as a dictionary.
 
     The keys are the names of the parts in the JSON of the project.
     """
@@ -211,7 +211,8 @@ def _text(plain: Any) -> str:
     text = json.dumps(plain, indent=1)
     if len(text) > _JSON_BYTES_MAX:
         raise ValueError(
-            f"its settings and texts have {len(text)} bytes; expected at most {_JSON_BYTES_MAX}"
+            f"its settings and texts have {len(text)} bytes; expected at most {_JSON_BYTES_MAX}. "
+            "Shorten its texts"
         )
     return text
 

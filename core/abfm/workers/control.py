@@ -91,7 +91,10 @@ _current: ContextVar[tuple[Control, Callable[[], bool]] | None] = ContextVar(
 
 @contextmanager
 def controlled(control: Control, is_active: Callable[[], bool] = lambda: True) -> Iterator[None]:
-    """Let a control pause and cancel `checkpoint` in this thread while ``is_active()`` is true."""
+    """Let a control pause or cancel the work of this thread, whenever it calls `checkpoint`.
+
+    This is a context manager. The control has no effect while ``is_active()`` is false.
+    """
     before = _current.set((control, is_active))
     try:
         yield
