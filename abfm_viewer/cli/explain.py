@@ -27,7 +27,9 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    texts = [_explanation(name) for name in arguments.names]
+    joined = " ".join(arguments.names)  # a name of several words without hyphens
+    is_one = troubleshooting.slug(joined) in map(troubleshooting.slug, troubleshooting.names())
+    texts = [_explanation(name) for name in ([joined] if is_one else arguments.names)]
     print("\n\n".join(texts) if texts else _overview())
     return 0
 

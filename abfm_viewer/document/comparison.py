@@ -34,9 +34,9 @@ class Comparison:
     def title(self, slot: str) -> str:
         """Return the title of a slot, which is one of the pictures side by side.
 
-        The titles of "source", "advected" and "target" name what is compared. Other slots have
-        their name as title. Long names of subjects are abbreviated, so that the rest of the title
-        stays visible.
+        The titles of "source", "advected" and "target" name the functions that are compared. Other
+        slots have their name as title. Long names of subjects are abbreviated, so that the rest of
+        the title stays visible.
         """
         name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
         kind_titles = {

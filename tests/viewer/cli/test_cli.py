@@ -285,6 +285,7 @@ def test_explain_lists_all_sections_and_refuses_others(abfm):
     ]
     two = abfm("explain nearly Areas_change").out
     assert re.findall(r"^[A-Z][a-z ]+$", two, re.MULTILINE) == ["Nearly", "Areas change"]
+    assert abfm("explain not reached").out == abfm("explain not-reached").out
     check_names(abfm("explain outlyer", status=2).err, "outlyer", "outlier")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import RESIDUAL_NEARLY, Facts, Outcome
-from abfm.wording import share, value
+from abfm.wording import value
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,11 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
     bound = solvability.range_bound(functions)
     bound_of_reverse = solvability.range_bound(functions.reversed())
     if bound >= bound_of_reverse:
-        consequence = f"every flow has a residual of at least {share(bound)}"
+        consequence = f"every exact flow has a residual of at least {_at_least(bound)}"
     else:
         consequence = (
             "it can only squeeze the other source values to small areas; the match from target "
-            f"to source has a residual of at least {share(bound_of_reverse)}"
+            f"to source has a residual of at least {_at_least(bound_of_reverse)}"
         )
     known = functions.areas > 0
     values = [side[channel, known] for side in (functions.source, functions.target)]
@@ -86,6 +87,11 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
     details = {"channel": _channel(functions, channel), "source": source, "target": target}
     details["consequence"] = consequence
     return Obstacle(Outcome.IMPOSSIBLE, Cause.VALUES_DIFFER, details)
+
+
+def _at_least(bound: float) -> str:
+    """Return a lower bound in percent, rounded down."""
+    return f"{math.floor(100 * bound)}%"
 
 
 def differing(functions: FunctionTerm) -> Obstacle | None:

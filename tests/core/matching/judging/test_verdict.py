@@ -22,7 +22,6 @@ from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
 from abfm.parameters import ALPHA_MAX, COUNT_MAX, PAPER, VALUE_MIN, Parameters
-from abfm.wording import share
 from tests.core.fields import bump
 from tests.messages import check_message, raises
 from tests.shapes import disc, ellipsoid, icosphere
@@ -129,7 +128,7 @@ def test_different_ranges_are_impossible():
     assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.VALUES_DIFFER)
     assert "to 2" in verdict.reason
     assert "to 1" in verdict.reason
-    assert share(bound) in verdict.reason
+    assert f"at least {math.floor(100 * bound)}%" in verdict.reason
     assert judged(matched(at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
     check_message(judged(matched(f, g, iterations=2)).reason, 2)
