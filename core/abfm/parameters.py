@@ -242,7 +242,7 @@ class Parameters(Settings):
 
     @property
     def last_sigma(self) -> float:
-        """The smallest sigma of the continuation: `sigma`, or `LAST_SIGMA` if `sigma` is None."""
+        """Smallest sigma of the continuation: ``sigma``, or `LAST_SIGMA` if ``sigma`` is None."""
         return LAST_SIGMA if self.sigma is None else self.sigma
 
     def stage_sigmas(self) -> list[float]:

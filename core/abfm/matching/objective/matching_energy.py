@@ -318,7 +318,7 @@ class MatchingEnergy:
     def clustered(self) -> MatchingEnergy:
         """Return the energy for functions that are constant on each cluster of vertices.
 
-        Clusters make the flow cheaper, see `abfm.flow.clusters`.
+        Clusters make the flow cheaper, see ``abfm.flow.clusters``.
         """
         energy = copy(self)  # the copy shares the norms
         energy.discretisation = self.discretisation.clustered()
