@@ -28,7 +28,7 @@ class Outcome(StrEnum):
     REGISTERED = "registered"  # measured functions match as closely as the data support
     NEARLY = "nearly"  # the larger residual is above the goal, but at most `RESIDUAL_NEARLY`
     NOT_REACHED = "not reached"  # this flow does not match the functions
-    IMPOSSIBLE = "impossible"  # no flow can match the functions
+    IMPOSSIBLE = "impossible"  # no flow can match the functions, or none the reversed match
     OUTLIER = "outlier"  # a subject is an outlier of its population
     MISSING = "missing"  # the row has not been solved
     FAILED = "failed"  # the row raised an error

@@ -23,7 +23,8 @@ from abfm_viewer.scene.surfaces import fitted, register, set_camera, show
 from abfm_viewer.shown.paint import Paint
 
 _REGIONS = 40  # nearest regions for the value at a vertex
-_WIDE, _THIN = 30, 60  # numbers of tracks that are drawn wide and thin
+_WIDE_COUNT = 30  # tracks that are drawn wide, the longest ones
+_THIN_COUNT = 60  # tracks that are drawn thin, the next longest ones
 _SIZE = (900, 720)  # pixels
 _GREY = 0.82  # of the surface, in linear light
 _PALE = 0.5  # share of the surface's colour in thin tracks
@@ -53,7 +54,7 @@ def draw(sequence: abfm.Sequence, path: Path) -> None:
 
     The longest tracks are wide lines with a dot at the end, and the next ones are thin lines.
     """
-    tracks = sequence.tracks()[: _WIDE + _THIN]
+    tracks = sequence.tracks()[: _WIDE_COUNT + _THIN_COUNT]
     paths = track_paths([_smooth(track) for track in tracks])
     figure = Figure(figsize=(10, 4.75))
     for number, (name, direction) in enumerate(_SIDES.items()):
@@ -68,7 +69,7 @@ def draw(sequence: abfm.Sequence, path: Path) -> None:
         if kind in kinds
     ]
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False)
-    longest, last_wide, last = (len(tracks[i]) for i in (0, _WIDE - 1, -1))
+    longest, last_wide, last = (len(tracks[i]) for i in (0, _WIDE_COUNT - 1, -1))
     about = (
         f"wide lines: tracks that last {last_wide} to {longest} of the {len(sequence)} intervals; "
         f"thin lines: tracks that last {last} to {last_wide} intervals"
@@ -91,7 +92,7 @@ def _picture(mesh: abfm.TriangleMesh, paths: Sequence[PointPath], front: Front) 
         grey = np.full((len(mesh.vertices), 3), _GREY)
         show(register("surface", mesh), mesh, Paint("colors", grey, ""))
         for kind, color in CRITICAL_COLORS.items():
-            for is_wide, shown in ((False, paths[_WIDE:]), (True, paths[:_WIDE])):
+            for is_wide, shown in ((False, paths[_WIDE_COUNT:]), (True, paths[:_WIDE_COUNT])):
                 places = [path.points.positions for path in shown if path.kind == kind]
                 if not places:
                     continue
