@@ -29,7 +29,10 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 exclude_patterns = ["_build", "examples", "**/README.txt"]
-suppress_warnings = ["config.cache"]
+suppress_warnings = [
+    "config.cache",
+    "sphinx_gallery.space_in_filename",  # also warns if a parent folder of the checkout has a space
+]
 nitpicky = True
 default_role = "autolink"
 
