@@ -25,7 +25,7 @@ HEADINGS = (
 
 
 def gaussians(subdivision: int) -> Problem:
-    """Return the problem of matching a Gaussian to a distant one of equal width on an icosphere."""
+    """Return the problem of matching a Gaussian to an equal, distant one on an icosphere."""
     mesh = sphere(subdivision)
     source, target = (
         function(mesh, f"gaussian:vertex={np.argmax(mesh.vertices @ place)},width={_WIDTH:g}")
@@ -59,7 +59,6 @@ def run(log: Log, subdivisions: Sequence[int] = (5, 6, 7)) -> Report:
 
 
 def report_text(report: Report) -> str:
-    """Return the report as a table in Markdown, with the machine below it."""
     rows = [
         (
             str(row["vertices"]),

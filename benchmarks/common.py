@@ -110,7 +110,7 @@ def mapped(
 ) -> Iterator[Result]:
     """Apply a module-level function to each argument, and yield the results in the same order.
 
-    The function runs in ``jobs`` processes of one thread each, by default one process per core.
+    There are ``jobs`` processes of one thread each, by default one per core.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(arguments))
     if jobs <= 1:
@@ -122,7 +122,6 @@ def mapped(
 
 
 def fsaverage5() -> Path:
-    """Return the folder of nilearn with the meshes and maps of fsaverage5."""
     spec = find_spec("nilearn")
     if spec is None or spec.origin is None:
         raise SystemExit('nilearn is not installed: pip install "abfm[brain]"')

@@ -73,8 +73,6 @@ class Hemisphere:
 
 
 def read_subject(folder: Path) -> Hemisphere:
-    """Read the left hemisphere of a subject of FreeSurfer."""
-
     def path(name: str) -> Path:
         return next(path for path in sorted(folder.rglob(f"lh.{name}")))
 
@@ -96,7 +94,6 @@ def read_template(side: str, labels: Path | None = None) -> Hemisphere:
 
 
 def label_names(path: Path) -> tuple[str, ...]:
-    """Return the name of the label of each vertex."""
     found = read_labels(str(path))
     return tuple(found.names.get(int(key), "unknown") for key in found.values)
 
@@ -158,7 +155,7 @@ class Evaluation:
 def through_sphere(registered: TriangleMesh, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
     """Return the map from A to B that a registration by another program defines.
 
-    ``registered`` is the sphere of A after that registration to the sphere of B.
+    ``registered`` is the sphere of A after its registration to the sphere of B.
     """
     return Correspondence.through_sphere(a, b, sphere_directions(registered), sphere_directions(b))
 
@@ -208,7 +205,7 @@ def subject_rows(
 
 
 def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
-    """Return masks of the template's cortex by name; the mask for a run without a mask is None."""
+    """Return masks of the template's cortex by name; None for a run without a mask."""
     found: dict[str, BoolArray | None] = {"mask thickness > 0": template.cortex}
     if template.labels:
         names = np.char.lower(np.array(template.labels))
@@ -228,7 +225,7 @@ def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
 
 
 def norm_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield a row for each norm of velocity fields with which the subject is registered."""
+    """Yield a row for each norm of fields with which the subject is registered."""
     evaluation = Evaluation(subject, template, template.cortex)
     for changes in _NORMS:
         found = register(

@@ -63,18 +63,13 @@ def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Pro
 def cosines(problem: Problem, velocity: FloatArray) -> list[Report]:
     """Compare the bracket and the exact gradient at a field (F, 3), for each of `SUBSTEPS`.
 
-    Returns
-    -------
-    A dictionary for each number of substeps:
+    The gradients are those of the mismatch; that of the regularity is the same:
 
-    - ``cosine`` is the cosine of the angle between the bracket and the exact gradient of the
-      mismatch; the gradient of the regularity is the same
-    - ``length`` is the norm of the bracket gradient of the mismatch, divided by that of the exact
-      one
-    - ``complete_cosine`` is the cosine of the angle between the two gradients of the complete
-      energy
-    - ``completed_cosine`` is ``cosine`` if the bracket gradient includes ``exp(-dtau D_v)``, a
-      factor that the paper omits
+    - ``cosine`` is the cosine of their angle
+    - ``length`` is the norm of the bracket gradient, divided by that of the exact one
+    - ``complete_cosine`` is ``cosine`` for the gradients of the complete energy
+    - ``completed_cosine`` is ``cosine`` if the bracket gradient includes ``exp(-dtau D_v)``, which
+      the paper omits
     """
     exact_energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)

@@ -70,7 +70,6 @@ class Trial:
         return Flow(self.mesh, to_ambient(mesh, v) * self.mesh.length_scale, 1.0)
 
     def noise(self) -> FloatArray:
-        """Return the noise that is added to the target, shape (V,)."""
         rng = np.random.default_rng([*self.seed, 2])
         return NOISE * rng.normal(size=len(self.mesh.vertices))
 
@@ -144,7 +143,7 @@ def _result(entry: LedgerEntry, truth: PointMap) -> Report:
 
 
 def best(row: Report) -> tuple[str, float] | None:
-    """Return the sigma with the smallest map error, as text, and this error; None if all failed."""
+    """Return the sigma with the smallest map error, as text, and this error, if any."""
     errors = {sigma: found["error"] for sigma, found in row["fixed"].items()}
     known = {sigma: error for sigma, error in errors.items() if error is not None}
     return min(known.items(), key=lambda each: each[1]) if known else None
@@ -153,9 +152,8 @@ def best(row: Report) -> tuple[str, float] | None:
 def run(trials: Trials) -> Report:
     """Match all problems with the default sigma and with each of `SIGMAS`.
 
-    The report has ``rows``, ``interrupted``, ``settings`` and ``machine``. Each row has the
-    ``problem``, the result with default parameters (``defaults``), and the results by sigma
-    (``fixed``).
+    Each of the report's ``rows`` has the ``problem``, the result with default parameters
+    (``defaults``), and the results by sigma (``fixed``).
     """
 
     def create(folder: Path) -> Iterator[MeasuredProblem]:
@@ -201,7 +199,6 @@ def _cells(row: Report) -> list[str]:
 
 
 def report_text(report: Report) -> str:
-    """Return the report as a table in Markdown, with a summary."""
     rows, settings = report["rows"], report["settings"]
     ratios = [ratio for row in rows if (ratio := _ratio(row)) is not None]
     near = sum(ratio <= RATIO_NEAR for ratio in ratios)

@@ -18,10 +18,9 @@ _BUMPS = 9
 def given_meshes(paths: Sequence[Path], log: Log) -> dict[str, TriangleMesh]:
     """Read the given files, and all meshes of the given folders; return the meshes by name.
 
-    The name of a mesh is the name of its file; in a folder, it is ``folder/name``.
-
-    If a mesh is refused, it is read again with the options that the error suggests. Files that
-    cannot be used are skipped. `log` prints the skipped files and all repairs.
+    The name is that of the file; in a folder, it is ``folder/name``. A refused mesh is read again
+    with the options that the error suggests. Files that cannot be used are skipped. `log` prints
+    the skipped files and all repairs.
 
     Raises
     ------

@@ -41,12 +41,10 @@ def edge_length(mesh: TriangleMesh) -> float:
 
 
 def slopes(mesh: TriangleMesh, function: FloatArray) -> FloatArray:
-    """Return the gradients (F, 2) in face frames of a function (V,)."""
     return np.asarray((gradient(mesh) @ function).reshape(-1, 2))
 
 
 def root_mean_square(mesh: TriangleMesh, vectors: FloatArray) -> float:
-    """Return the root mean square over the surface of vectors (F, D)."""
     areas = face_areas(mesh)
     return float(np.sqrt(areas @ (vectors**2).sum(axis=1) / areas.sum()))
 
@@ -67,7 +65,7 @@ class KnownMotion:
     field: FloatArray
 
     def noisy(self, noise: float, seed: int = 0) -> FloatArray:
-        """Add noise to the frames, with ``noise`` times their standard deviation."""
+        """Add noise to the frames, ``noise`` times their standard deviation."""
         scatter = np.random.default_rng(seed).standard_normal(self.frames.shape)
         return np.asarray(self.frames + noise * self.frames.std() * scatter)
 
@@ -77,10 +75,7 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return a mask (F,) of faces where the frame has a slope and the true field a speed.
-
-        Slopes and speeds below a share of their root mean square do not count.
-        """
+        """Return a mask (F,) of faces with enough slope of the frame and speed of the field."""
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)
@@ -88,7 +83,7 @@ class KnownMotion:
     def errors(self, frame: int, found: FloatArray) -> Errors:
         """Return the errors (angle, speed) of a field (F, 3) that moves a frame to the next.
 
-        They are medians over the faces of `is_determined`. The true field is `field`.
+        They are medians over the faces of `is_determined`.
         """
         faces = self.is_determined(frame)
         a, b = found[faces], self.field[faces]
@@ -106,8 +101,8 @@ def compared(
 ) -> FloatArray:
     """Return the errors (1 + S, 2) of Horn-Schunck and of S sequences for the same frames.
 
-    Errors of the angle and of the speed are means over the intervals. Horn-Schunck has the
-    smoothness for which the product of both errors is smallest.
+    They are means over the intervals. Horn-Schunck has the smoothness for which the product of both
+    errors is smallest.
     """
     mesh, frames, intervals = found[0].mesh, found[0].frames[:, :, 0], range(len(found[0]))
     linear = [
@@ -124,8 +119,8 @@ def compared(
 def error_cells(errors: FloatArray) -> list[str]:
     """Format the errors (M, 2) of M methods as cells of a table: all angles, then all speeds.
 
-    The first method is Horn-Schunck, and the last one has the default parameters. An error of
-    Horn-Schunck is bold if it is smaller than that of the last method.
+    The first method is Horn-Schunck. Its error is bold if it is smaller than that of the last
+    method.
     """
     found = []
     for form, column in (("{:.1f}°", errors[:, 0]), ("{:.1f}%", 100 * errors[:, 1])):
@@ -135,5 +130,5 @@ def error_cells(errors: FloatArray) -> list[str]:
 
 
 def known_cells(kind: str, noise: float, displacement: float, errors: FloatArray) -> list[str]:
-    """Return a row: kind of motion, noise, displacement in mean edge lengths, and errors."""
+    """Return a row: motion, noise, displacement in mean edge lengths, and errors."""
     return [kind, f"{100 * noise:g}%", f"{displacement:g}", *error_cells(errors)]

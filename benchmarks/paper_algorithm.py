@@ -22,8 +22,8 @@ from abfm.types import FloatArray
 
 MEMORY = 100
 """Number of pairs that L-BFGS stores, the default of minFunc."""
-# A hundred times the 1-norm of exponents of good fields. In line searches, larger norms occur,
-# whose exponentials take minutes.
+# A hundred times the 1-norm of exponents of good fields. Larger norms occur in line searches, and
+# their exponentials take minutes.
 _EXPONENT_NORM_MAX = 1e4
 # Limit of the energy, relative to the first one. At infinity, L-BFGS-B stops instead of shortening
 # its step.
@@ -31,11 +31,11 @@ _ENERGY_RATIO_MAX = 1e3
 
 
 def exponential_span(matrix: Matrix, x: FloatArray, end: float, intervals: int) -> FloatArray:
-    """Return ``exp(t matrix) x`` at ``intervals + 1`` evenly spaced times t, one per row.
+    """Return ``exp(t matrix) x`` at ``intervals + 1`` evenly spaced times t from 0 to ``end``.
 
-    The times are from 0 to ``end``. This is ``exp_tspan`` of Algorithm 1. The result is infinite if
-    the matrix is so large that it would take minutes. The span always starts at 0: with other
-    starts, results of SciPy were wrong by many orders of magnitude.
+    This is ``exp_tspan`` of Algorithm 1, with one time per row. The result is infinite if the
+    matrix is so large that it would take minutes. The span always starts at 0: with other starts,
+    results of SciPy were wrong by many orders of magnitude.
     """
     if intervals == 0:
         return x[None]
@@ -82,7 +82,7 @@ class PaperEnergy:
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
         """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
 
-        The energy is infinite and the gradient 0 if one of them overflows or would take minutes.
+        They are infinite and 0 if one of them overflows or would take minutes.
         """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
@@ -119,7 +119,7 @@ class PaperDescent:
     energy : float
         Its energy on the mesh scaled to unit area.
     history : (rows, 2) array
-        A row for each evaluation that lowered the energy: seconds since the start, and the energy.
+        Seconds since the start and the energy, for each evaluation that lowered it.
     """
 
     velocity: FloatArray

@@ -36,9 +36,7 @@ class Settings:
     seconds: float = 60.0  # time limit of each baseline
     subdivision: int = 5  # of the icosphere on which solver, baselines and gradients are compared
     subdivisions: Sequence[int] = (4, 5, 6)  # for iterations and costs by mesh size, coarse to fine
-    iterations: int = (
-        100  # at constant sigma on each mesh, before the gradient is timed; 20 or more
-    )
+    iterations: int = 100  # at constant sigma, before the gradient is timed; 20 or more
     cosine_iterations: int = 300  # of the match whose field is used to compare the gradients
     repeats: int = 3  # runs of the solver on this icosphere
     timings: int = 15  # repeated evaluations of the gradient
@@ -47,10 +45,9 @@ class Settings:
 def run(log: Log, settings: Settings) -> Report:
     """Compare the solver with both baselines, which takes about four minutes.
 
-    The report has ``ratios``, the numbers behind them, ``settings`` and ``machine``. A time or
-    count is None if the energy or mismatch to which it refers was not reached. All numbers are the
-    same in every run, except times and numbers that depend on the progress of a baseline within its
-    time.
+    A time or count in the report is None if the energy or mismatch to which it refers was not
+    reached. All numbers are the same in every run, except times and numbers that depend on the
+    progress of a baseline within its time.
     """
     report: Report = {"ratios": {}}
     _add_race(report, settings, log)
@@ -73,8 +70,8 @@ def run(log: Log, settings: Settings) -> Report:
 def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[FloatArray]]:
     """Run both baselines for the given time, and the solver until its energy is below theirs.
 
-    Returns the descent of the paper's algorithm, and the histories of plain L-BFGS and of each
-    run of the solver. All start from zero on new meshes, and their times include all setup.
+    Return the descent of the paper's algorithm, and the histories of plain L-BFGS and of each run
+    of the solver. All start from zero on new meshes, and their times include all setup.
     """
     size, seconds, repeats = settings.subdivision, settings.seconds, settings.repeats
     for parameters in (MULTIGRID, PLAIN_LBFGS):  # compile kernels first
@@ -93,7 +90,7 @@ def _race(settings: Settings, log: Log) -> tuple[PaperDescent, FloatArray, list[
 
 
 def time_below(history: FloatArray, energy: float) -> float | None:
-    """Return the seconds until a history's energy is below a value; None if it never is."""
+    """Return the seconds until the energy of a history is below a value, or None."""
     below = np.flatnonzero(history[:, 1] < energy)
     return float(history[below[0], 0]) if len(below) else None
 
@@ -171,7 +168,6 @@ def _gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tupl
 
 
 def report_text(report: Report) -> str:
-    """Return the report of `run` as a table in Markdown, with the machine below it."""
     size = f"Sphere of {report['settings']['vertices']} vertices unless another number is given."
     table = markdown(("measured", "value"), _rows(report))
     return f"{table}\n\n{machine_line(report['machine'])}. {size}"

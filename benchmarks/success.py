@@ -67,16 +67,13 @@ _FAMILY_SEQUENCE: tuple[Family, ...] = (
     *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
 )
 _EIGENFUNCTION_MAX = 8
-_TARGET_DISTANCES = (0.5, 1.0)  # between the two targets, relative to the largest
+_TARGET_DISTANCES = (0.5, 1.0)  # of the two targets, relative to the largest possible distance
 _MIRROR_DISTANCE_MIN = 0.2  # of a landmark from its image, as a fraction of sqrt(area)
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A random problem: a mesh, and the source and target functions as text.
-
-    Families of functions without a width or a distance have None for it.
-    """
+    """A random problem: a mesh, and the source and target functions as text."""
 
     mesh_name: str
     index: int
@@ -88,16 +85,13 @@ class Trial:
     distance: str | None = None
 
     def functions(self) -> tuple[FloatArray, FloatArray]:
-        """Return the source and the target, each of shape (V,)."""
         return function(self.mesh, self.source), function(self.mesh, self.target)
 
     def to_dict(self) -> Report:
-        """Return the description of the problem as a dictionary, for the report.
+        """Return the description of the problem for the report.
 
-        It includes whether the mesh resolves the functions, and whether the problem is solvable.
-
-        A problem counts as solvable unless the values and peaks of its functions show that it is
-        not.
+        It states whether the mesh resolves the functions. The problem counts as solvable unless the
+        values and peaks of its functions show that it is not.
         """
         f, g = self.functions()
         edges = resolution(self.mesh, np.stack([f, g], axis=1))
@@ -166,10 +160,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two others whose distances from it are in a range.
-
-    The two others are also distant from each other.
-    """
+    """Return a random vertex, and two distant ones whose distances from it are in a range."""
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)
@@ -183,7 +174,7 @@ def _places(
 def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float, float]) -> int:
     """Return a random vertex whose distance is in a range, relative to the largest distance.
 
-    If there is no such vertex, return the one whose distance is closest to the middle of the range.
+    If there is none, return the vertex whose distance is closest to the middle of the range.
     """
     fractions = distances / (distances.max() or 1.0)
     low, high = within
@@ -194,7 +185,7 @@ def _choice(rng: np.random.Generator, distances: FloatArray, within: tuple[float
 
 
 def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
-    """Return the file's number of a vertex far from its mirror image; None if there is none."""
+    """Return the file's number of a vertex far from its mirror image, or None."""
     try:
         mirror = detect_symmetry(mesh, "mirror")
     except SymmetryError:
@@ -259,8 +250,7 @@ def _or_inf(value: float | None) -> float:
 def run(trials: Trials, only_solvable: bool = False, **parameters: Any) -> Report:
     """Match random problems with the default or given parameters, and verify the results.
 
-    The report has ``rows``, each with the ``problem`` and its ``result``, ``interrupted``,
-    ``settings`` and ``machine``.
+    Each of the report's ``rows`` has the ``problem`` and its ``result``.
     """
     used = Parameters.of(**parameters)
 
@@ -296,7 +286,7 @@ def _count(key: str) -> Callable[[list[Report]], str]:
 
 
 def _median(key: str) -> Callable[[list[Report]], str]:
-    """Return a function that takes results and returns their median; missing ones are infinite."""
+    """Return a function that returns the median of results; missing ones are infinite."""
 
     def cell(results: list[Report]) -> str:
         values = [_or_inf(result[key]) for result in results]
@@ -323,7 +313,6 @@ COLUMNS = {
 
 
 def report_text(report: Report) -> str:
-    """Return the report as a table with a row for each group of problems, and notes."""
     rows, settings = report["rows"], report["settings"]
     cells = [
         [name, *(cell([row["result"] for row in group]) for cell in COLUMNS.values())]

@@ -131,8 +131,8 @@ class Case(NamedTuple):
     def row(self) -> list[str]:
         """Return a row of the table, with the errors of three methods.
 
-        These are Horn-Schunck, the sequence with norm order 1, and the sequence with default
-        parameters. The last cell has the parameters that the last method chose.
+        They are Horn-Schunck, and sequences with norm order 1 and with default parameters. The last
+        cell has the parameters that the last method chose.
         """
         mesh = sphere(self.subdivision)
         moving = moving_texture(mesh, self.texture, self.motion, self.displacement)

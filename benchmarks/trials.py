@@ -41,7 +41,6 @@ class Trials:
     control: Control = field(default_factory=Control)
 
     def report(self, rows: list[Report], **settings: Any) -> Report:
-        """Return a report of the given rows, the settings of the problems, and the machine."""
         sizes = {name: len(mesh.vertices) for name, mesh in self.meshes.items()}
         return {
             "rows": rows,
@@ -66,15 +65,14 @@ def measured(
 ) -> list[Report]:
     """Solve problems in the folder of ``trials``; return the measurements of the finished ones.
 
-    A line is printed for each finished problem. No time limit ends a match, so that all numbers
-    except seconds are the same in every run.
+    No time limit ends a match, so that all numbers except seconds are the same in every run.
 
     Parameters
     ----------
     create : function
         Function that takes a folder, writes the files of the problems there and yields them.
     line : function
-        Function that takes the measurement of a problem and returns the line to print.
+        Function that takes the measurement of a problem and returns a line, which is printed.
     """
     with temporary_folder() if trials.folder is None else nullcontext(trials.folder) as folder:
         trials.log("preparing problems")

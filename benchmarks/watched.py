@@ -32,13 +32,13 @@ class WatchedMatch:
 
     @property
     def iterations_to_mismatch(self) -> int | None:
-        """Iterations on the mesh itself until the mismatch is at most `MISMATCH`, or else None."""
+        """Iterations on the mesh itself until the mismatch is at most `MISMATCH`, or None."""
         reached = np.flatnonzero(self.history[:, 2] <= MISMATCH)
         return int(reached[0]) if len(reached) else None
 
     @property
     def seconds_to_mismatch(self) -> float | None:
-        """Seconds until the mismatch is at most `MISMATCH`; None if it never is."""
+        """Seconds until the mismatch is at most `MISMATCH`, or None."""
         reached = self.iterations_to_mismatch
         return None if reached is None else float(self.history[reached, 0])
 

@@ -42,7 +42,7 @@ FRAMES = 6
 WAVELENGTH = 16.0
 """Wavelength in mean edge lengths, where the phase has its root mean square slope."""
 
-# indices of the eigenfunctions whose gradient is the field, and that are the phase
+# indices of the eigenfunctions: the field is the gradient of the first, the phase is the second
 _FIELDS = {"travelling": 1, "rotating": 1, "source and sink": 4}
 _PHASES = {"travelling": 1, "rotating": 2, "source and sink": 4}
 

@@ -207,7 +207,6 @@ def _drawn(window: Window, condition: Callable[[], bool]) -> list[float]:
 
 
 def _frames(window: Window, iterations: int) -> Report:
-    """Return the seconds between frames during a long match."""
     session = window.session
     slow = PAPER | {"max_displacement": 1e-3, "tolerance": 0.0, "cooling_stages": 1}
     session.editor.set_parameter(**slow, iterations=iterations)
@@ -222,7 +221,6 @@ def _summary(seconds: list[float]) -> Report:
 
 
 def report_text(report: Report) -> str:
-    """Return the report as a table in Markdown, with the settings below it."""
     launch, frames, settings = (report[name] for name in ("launch", "frames", "settings"))
     rows = [
         (

@@ -119,10 +119,9 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def one_line(value: object, length_max: int = 200) -> str:
     """Return a value as printable text on one line, with its middle omitted if it is too long.
 
-    The value is an error, a path, a text or any other object, and the text has at most
-    ``length_max`` characters. Characters that cannot be printed become question marks. For an error
-    of the operating system, the text is its message without the path. For an error without a
-    message, it is the name of its type.
+    The text has at most ``length_max`` characters. Those that cannot be printed become question
+    marks. For an error of the operating system, it is the message without the path. For an error
+    without a message, it is the name of the type.
     """
     text = (value.strerror if isinstance(value, OSError) else None) or str(value)
     if isinstance(value, UnicodeDecodeError):

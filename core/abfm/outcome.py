@@ -28,7 +28,7 @@ class Outcome(StrEnum):
     REGISTERED = "registered"  # measured functions match as closely as the data support
     NEARLY = "nearly"  # the larger residual is above the goal, but at most `RESIDUAL_NEARLY`
     NOT_REACHED = "not reached"  # this flow does not match the functions
-    IMPOSSIBLE = "impossible"  # no flow can match the functions, or none the reversed match
+    IMPOSSIBLE = "impossible"  # no flow can match source to target, or none target to source
     OUTLIER = "outlier"  # a subject is an outlier of its population
     MISSING = "missing"  # the row has not been solved
     FAILED = "failed"  # the row raised an error
@@ -168,5 +168,5 @@ class Facts:
 
     @property
     def worse_residual(self) -> float:
-        """The larger residual of both checks; NaN if it is unknown."""
+        """The larger residual of both checks (discrete flow and flow lines); NaN if unknown."""
         return worse_residual(self.number("residual"), self.number("verified_residual"))

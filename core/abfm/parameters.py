@@ -248,8 +248,7 @@ class Parameters(Settings):
     def stage_sigmas(self) -> list[float]:
         """Return the sigma of each cooling stage.
 
-        If ``cooling_stages`` is 0, the number of stages follows from `FIRST_SIGMA_MAX`, the largest
-        first sigma.
+        If ``cooling_stages`` is 0, there are as many stages as `FIRST_SIGMA_MAX` allows.
         """
         stages, factor = self.paper.cooling_stages, self.paper.cooling_factor
         if not stages:

@@ -77,7 +77,7 @@ def groups() -> dict[str, list[str]]:
 
 @cache
 def _sections() -> dict[str, tuple[str, str]]:
-    """Return, by name, the heading above each section and the text of the section."""
+    """Return each section's heading and text, by name."""
     parts = _HEADINGS.split(_path().read_text(encoding="utf-8"))[1:]
     group, found = "", {}
     for level, title, text in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
@@ -89,7 +89,7 @@ def _sections() -> dict[str, tuple[str, str]]:
 
 
 def _path() -> Path:
-    """Return the path of the page: in the package, or in the repository of an editable install."""
+    """Return the path of the page: in the package, or in the repository (editable install)."""
     here = Path(__file__).resolve().parent
     installed = here / _FILE
     return installed if installed.is_file() else here.parents[1] / "docs" / "howto" / _FILE

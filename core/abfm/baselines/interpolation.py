@@ -75,7 +75,6 @@ class HeatKernel:
         self._solve = factor(sparse.csr_array(matrix))
 
     def __call__(self, f: FloatArray) -> FloatArray:
-        """Return the function ``f`` (V,) smoothed by the heat flow, in the same shape."""
         for _ in range(self._steps):
             f = self._solve(self.areas * f)
         return f
@@ -149,8 +148,7 @@ def _barycentre(
 ) -> FloatArray:
     """Return the barycentre of two densities, with weights 1 - t and t (algorithm 2).
 
-    It is computed by Bregman projections with the kernel ``heat``. Its entropy is at most
-    ``bound``, which may be infinite.
+    It is computed by Bregman projections. ``bound`` limits its entropy, and may be infinite.
     """
     areas, tiny = heat.areas, np.finfo(np.float64).tiny
     scalings = [np.ones_like(density) for density in densities]
@@ -171,10 +169,9 @@ def _barycentre(
 
 
 def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArray:
-    """Raise a density to the smallest power, from 1 to 64, whose entropy is at most ``bound``.
+    """Raise a density to the smallest power up to 64 whose entropy is at most ``bound``.
 
-    The method is algorithm 3 of Solomon et al. (2015). If no such power exists, the power 64 is
-    used.
+    If no such power exists, the power 64 is used (algorithm 3).
     """
 
     def power(exponent: float) -> FloatArray:

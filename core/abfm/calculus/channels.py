@@ -57,7 +57,6 @@ def with_checked_shape(
 
 
 def vertex_count_text(mesh: TriangleMesh) -> str:
-    """Return a text with the number of vertices of a mesh, and of its file if they differ."""
     count, in_file = counts_of(mesh)
     if count == in_file:
         return f"the mesh has {count} vertices"
@@ -135,10 +134,7 @@ def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> F
 
 
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
-    """Return the function ``values -> extend(mesh, values, known)``.
-
-    The linear system is factored only once, so that repeated calls are fast.
-    """
+    """Return the function ``values -> extend(mesh, values, known)``, factored only once."""
     if known.all():
         return lambda values: values
     joined = adjacency(mesh)

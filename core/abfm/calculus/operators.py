@@ -83,10 +83,7 @@ def edge_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 def _thirds(owners: IntArray, areas: FloatArray, count: int) -> FloatArray:
-    """Return sums (count,) of face areas: each face adds a third to each of its owners (F, 3).
-
-    The owners of a face are its vertices or its edges.
-    """
+    """Return sums (count,) over faces; each adds a third of its area to its three ``owners``."""
     found = np.bincount(owners.ravel(), np.repeat(areas / 3, 3), minlength=count)
     return np.asarray(found, dtype=np.float64)
 
@@ -108,10 +105,7 @@ def adjacency(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_graph(mesh: TriangleMesh) -> Matrix:
-    """Return a matrix (V, V) with the length of each edge, in one direction only.
-
-    The row is the first vertex of the edge, and the column the second one.
-    """
+    """Return the matrix (V, V) of edge lengths, each at (first vertex, second vertex) only."""
     shape = (len(mesh.vertices),) * 2
     return Matrix((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
 
@@ -121,8 +115,7 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     """Return areas and hat gradients for the norm of fields, with thin faces mollified.
 
     Faces whose height is less than 1e-5 of their longest edge are stretched to that height, as in
-    the mollification of Sharp and Crane [2020]. The matrices of the norm are then definite. Without
-    such faces the result equals the mesh's own areas and gradients bit for bit.
+    the mollification of Sharp and Crane [2020]. The matrices of the norm are then definite.
     """
     areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
     steepest = (gradients**2).sum(axis=2).max(axis=1)  # inverse square of the height
@@ -139,10 +132,7 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
 
 
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
-    """Return the matrix (2F, width) with ``values[f, c, k]`` at row ``2 f + k``.
-
-    The column of this entry is ``columns[f, c]``.
-    """
+    """Return a matrix (2F, width); ``values[f, c, k]`` is at (``2 f + k``, ``columns[f, c]``)."""
     height = 2 * len(mesh.faces)
     rows = np.broadcast_to(np.arange(height).reshape(-1, 1, 2), values.shape)
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())
@@ -329,10 +319,7 @@ def shapes(vertices: FloatArray, faces: IndexArray, found: FaceShapes) -> None:
 
 @kernel
 def stiffnesses(gradients: FloatArray, weights: FloatArray, out: FloatArray) -> None:
-    """Write products of the gradients of each face's three hat functions to ``out`` (F, 3, 3).
-
-    The products of face f are multiplied by ``weights[f]``.
-    """
+    """Write weighted products of the gradients of each face's hat functions, (F, 3, 3)."""
     for f in range(weights.size):
         g = gradients[f]
         for a in range(3):

@@ -34,10 +34,7 @@ _NORM_LIMIT = 1e5
 
 
 def check_field(mesh: TriangleMesh, field: ArrayLike, name: str) -> FloatArray:
-    """Check a field and return it as an array (F, 3).
-
-    ParameterError unless it has one finite vector for each face.
-    """
+    """Check that a field has one finite vector for each face; return it as an array (F, 3)."""
     array = real_numbers(field, name, ParameterError)
     if array.shape != (len(mesh.faces), 3):
         raise ParameterError(
@@ -187,10 +184,9 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 
 @per_mesh
 def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
-    """Return the two projections of coefficients (2F,) onto gradients and onto rotated gradients.
+    """Return the projections of coefficients (2F,) onto gradients and onto rotated gradients.
 
-    The gradients are the ranges of both matrices of `hodge_gradients`. The projections are
-    orthogonal in the inner product of ``G_F``.
+    They are orthogonal in the inner product of ``G_F``.
     """
     edges, vertices = hodge_gradients(mesh)
     # a pinched vertex does not connect the edges of its parts
@@ -203,8 +199,7 @@ def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
 def _onto_range(gradient: Matrix, mass: Matrix, grounded: IntArray) -> Projection:
     """Return the projection onto the range of a gradient matrix, orthogonal in ``mass``.
 
-    The ``grounded`` unknowns (columns of the matrix) are fixed to 0, which makes the solution
-    unique.
+    The ``grounded`` unknowns (columns) are fixed to 0, which makes the solution unique.
     """
     free = np.setdiff1d(np.arange(gradient.shape[1]), grounded)
     basis = Matrix(gradient[:, free])
@@ -293,10 +288,7 @@ def relative_bracket(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> float:
 
 
 def _lowest(operator: Matrix, known: FloatArray, count: int) -> FloatArray:
-    """Return the eigenvectors (n, count) with the lowest eigenvalues, orthogonal to ``known`` (n,).
-
-    The method is inverse iteration.
-    """
+    """Return the lowest eigenvectors (n, count) that are orthogonal to ``known`` (n,)."""
     size = len(known)
     solve = factor(Matrix(operator + sparse.eye_array(size)))
     of_known = solve(known)

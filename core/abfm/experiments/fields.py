@@ -26,7 +26,6 @@ class Case:
 
 
 def sizes_text(levels: Sequence[Case]) -> str:
-    """Return the name of a surface and the vertex counts of its meshes, coarse to fine, as text."""
     return size_text(levels[-1].name, *(level.mesh for level in levels))
 
 
@@ -43,8 +42,8 @@ def field_example(case: Case, name: str) -> Example:
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """Return a smooth divergence-free field (F, 3), tangent to the boundary.
 
-    It is the rotated gradient of a sum of eigenfunctions. ``modes`` has their weights by their
-    numbers. The root mean square of the field is ``speed``, in sqrt(area) per unit of time.
+    It is the rotated gradient of a sum of eigenfunctions, whose weights by number are ``modes``.
+    Its root mean square is ``speed``, in sqrt(area) per unit of time.
     """
     basis = calculus.unit_eigenbasis(mesh, max(modes) + 1)[1]
     field = gradient_field(
@@ -64,7 +63,7 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
 def stirring_field(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
     """Return the rotated gradient (F, 3) of eigenfunction ``index``, tangent to the boundary.
 
-    Its root mean square is ``speed``, in sqrt(area) per unit of time.
+    It has the root mean square ``speed``, see `with_speed`.
     """
     if len(mesh.vertices) <= index:
         raise MeshError(
@@ -88,13 +87,13 @@ def gradient_field(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> F
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
-    """Return a field (F, 3), scaled to the root mean square ``speed``, in sqrt(area) per time."""
+    """Scale a field (F, 3) to the root mean square ``speed``, in sqrt(area) per unit of time."""
     areas = face_areas(mesh)
     return float(areas.sum() * speed / np.sqrt(areas @ (field**2).sum(axis=1))) * field
 
 
 def tangential_part(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
-    """Return the components (F, 3) tangent to the surface of one vector per face (F, 3)."""
+    """Return the tangential components (F, 3) of vectors (F, 3), one for each face."""
     return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
@@ -105,8 +104,8 @@ def face_centres(mesh: TriangleMesh) -> FloatArray:
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
     """Return a torus, the distances (F,) of its faces from the axis, and two fields (F, 3).
 
-    The torus has ``n`` vertices around its axis. The first field rotates about the axis, and the
-    second one around the tube.
+    The fields rotate about the axis and around the tube. The torus has ``n`` vertices around its
+    axis.
     """
     mesh = torus(n, n // 2)
     x, y, z = face_centres(mesh).T
@@ -116,7 +115,7 @@ def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatAr
 
 
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Return the magnitude of a field (F, 3), averaged to the vertices, shape (V,)."""
+    """Return the magnitude of a field (F, 3), averaged to the vertices, (V,)."""
     return np.asarray(calculus.averaging(mesh) @ np.linalg.norm(field, axis=1))
 
 
@@ -131,13 +130,11 @@ def root_mean_square(mesh: TriangleMesh, values: FloatArray) -> float:
 
 
 def relative_norm(mesh: TriangleMesh, field: FloatArray, other: FloatArray) -> float:
-    """Return the L2 norm of a field (F, 3), divided by that of another field (F, 3)."""
     areas = face_areas(mesh)
     return float(np.sqrt(areas @ (field**2).sum(axis=1) / (areas @ (other**2).sum(axis=1))))
 
 
 def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L2 norm of ``f - g``, divided by that of ``g``, for two functions (V,)."""
     return l2_norm(mesh, f - g) / l2_norm(mesh, g)
 
 

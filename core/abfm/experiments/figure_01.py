@@ -23,7 +23,7 @@ from abfm.mesh.shapes import three_arms
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-_TIMES = np.linspace(0, 1, 13)  # times relative to tau
+_TIMES = np.linspace(0, 1, 13)  # relative to tau
 _SHOWN_TIMES = [2, 4, 6, 8, 10]  # indices into _TIMES
 _MISMATCH_MAX = 0.05
 _TARGET_WIDTH = 0.2  # relative to the distance between the source and the closer target
@@ -54,10 +54,7 @@ def figure_3(setup: FigureSetup) -> Script:
 def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
-    """Match a Gaussian at the first vertex of ``ends`` to two Gaussians at the other two.
-
-    Source and target have the same total mass.
-    """
+    """Match a Gaussian at the first vertex of ``ends`` to two with its mass at the others."""
     centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (
@@ -153,8 +150,8 @@ def match_one_to_two(
 def advected_by_stage(found: Match) -> Iterator[FloatArray]:
     """Yield the source (V,), advected until tau along the field of each stage of sigma.
 
-    These are the fields at the end of the stages. All fields except the last one are rounded as in
-    result files, so that stored and new matches give equal numbers.
+    All fields except the last one are rounded as in result files, so that stored and new matches
+    give equal numbers.
     """
     for step in found.path[:-1]:
         field = as_stored(step.velocity, found.mesh)

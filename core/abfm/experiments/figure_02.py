@@ -127,8 +127,8 @@ def figure_2(setup: FigureSetup) -> Script:
 def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
     """Return two differences between a flow and exact flow lines by name, each of shape (T,).
 
-    One is the relative L2 difference between ``f`` advected by the flow and ``f`` at the ends of
-    backward flow lines from the vertices. The other is the root mean square distance, in
+    `FUNCTION` is the relative L2 difference between ``f`` advected by the flow and ``f`` at the
+    ends of backward flow lines from the vertices. `MAP` is the root mean square distance, in
     sqrt(area), between these ends and the points to which the flow maps the vertices.
     """
     mesh = flow.mesh

@@ -136,7 +136,7 @@ def frequency_bound(derivative: Matrix) -> float:
 def linear_steps(derivative: Matrix, f: FloatArray, step: float, steps_between: int) -> FloatArray:
     """Advect ``f`` by linear steps (Eq. 5) of duration ``step``.
 
-    Return the advected functions (T, V), beginning with ``f``, after every ``steps_between`` steps.
+    Return the function after every ``steps_between`` steps, (T, V), beginning with ``f``.
     """
     states = [f]
     for _ in _TIMES[1:]:

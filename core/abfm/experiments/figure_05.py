@@ -95,17 +95,12 @@ def figure_5(setup: FigureSetup) -> Script:
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
-    """Return the relative L2 difference between fields ``u`` and ``exact``.
-
-    Both fields are determined only up to a factor, and are therefore scaled to the same norm and
-    sign.
-    """
+    """Return the relative L2 difference of fields, scaled to the same norm and sign."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
-    """Return a gourd and a torus with their rotations, on meshes from coarse to fine."""
     return [[on_gourd(6 * k) for k in sizes], [on_torus(24 * k) for k in sizes]]
 
 
@@ -148,8 +143,7 @@ def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]
     """Compute the first eigenfunction of the gourd that is constant on circles around its axis.
 
     The method is finite volumes, with ``count`` cells on the meridian. Return the angles of ``count
-    + 1`` points on the meridian, the slopes of the eigenfunction there, and the eigenvalue times
-    the area.
+    + 1`` points on the meridian, the slopes there, and the eigenvalue times the area.
     """
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)

@@ -27,10 +27,7 @@ _PUSHFORWARD = "exp(t ad_v) is the pushforward (Eq. 12)"
 
 @dataclass(frozen=True, eq=False)
 class Case(fields.Case):
-    """A surface with fields ``v`` and ``u``.
-
-    ``exact`` returns the exact pushforward of ``u`` along ``v`` at a time; None if it is unknown.
-    """
+    """A surface with fields ``v`` and ``u``, and, if known, the exact pushforward at any time."""
 
     u: FloatArray
     exact: Callable[[float], FloatArray] | None = None
@@ -99,9 +96,8 @@ def against_exact(levels: Sequence[Case]) -> list[Measure]:
 def against_functions(case: Case, pushed: dict[float, FloatArray]) -> list[Measure]:
     """Compare derivatives of advected coordinates with advected derivatives of coordinates.
 
-    Derivatives along ``u`` are advected along ``v``. They should equal the derivatives of the
-    advected coordinates along the pushforward of ``u``. ``pushed`` has the pushforward for each
-    time.
+    The latter are derivatives along ``u``, advected along ``v``. They should equal the derivatives
+    of the advected coordinates along the pushforward of ``u``, which ``pushed`` has for each time.
     """
     mesh, places, flow = case.mesh, case.mesh.vertices, Flow(case.mesh, case.v)
     measures = []
@@ -155,11 +151,7 @@ def on_sphere(frequency: int) -> Case:
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return a torus with a rotation as ``v``.
-
-    The rotation is about the axis, which is an isometry. If ``around_tube``, it is around the tube,
-    which is not an isometry.
-    """
+    """Return a torus rotated about its axis (an isometry) or around the tube (not one)."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.face_centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
@@ -183,8 +175,7 @@ def on_any(mesh: TriangleMesh, name: str) -> Case:
     """Return a mesh with two rotated gradients of eigenfunctions as fields.
 
     The first field has the highest tried speed for which the pushforward of the second field is
-    stable. The pushforward may be unstable on thin and folded faces. Raise a MeshError if no speed
-    is stable.
+    stable. It may be unstable on thin and folded faces. Raise a MeshError if no speed is stable.
     """
     stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
     for speed in _SPEEDS:

@@ -65,10 +65,7 @@ def figure_7(setup: FigureSetup) -> Script:
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """Measure the smoothness of a path of functions (N + 1, V): length, steps, Dirichlet energy.
-
-    The energy is compared with that of the first function and of ``target``.
-    """
+    """Measure the smoothness of a path of functions (N + 1, V) to ``target``."""
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()

@@ -197,7 +197,6 @@ class SymmetryScene:
 
     @property
     def displacements(self) -> FloatArray:
-        """Displacement of each vertex by the symmetry, (V,)."""
         x = self.mesh.vertices
         return np.asarray(np.linalg.norm(x[self.symmetry.vertex_map] - x, axis=1))
 
@@ -205,7 +204,7 @@ class SymmetryScene:
     def marked_vertices(self) -> list[int]:
         """Three vertices to show.
 
-        These are the vertex in front with the largest displacement, its image, and a distant one.
+        They are the vertex in front with the largest displacement, its image, and a distant one.
         """
         mesh, x = self.mesh, self.mesh.vertices
         front = np.ones(len(x), dtype=bool)
@@ -221,7 +220,7 @@ class SymmetryScene:
         return scripts.gaussian(self.mesh, vertex, _GAUSSIAN_WIDTH)
 
     def coordinate_specs(self) -> tuple[str, ...]:
-        """Return specifications of the coordinates, centred and in units of sqrt(area)."""
+        """Return specifications of centred coordinates in units of sqrt(area)."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -310,10 +309,7 @@ class SymmetryScene:
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Return the geodesic distances (K, P), in sqrt(area), of P vertices from K sets of P points.
-
-    Each distance is from a vertex to the point with the same index in a set.
-    """
+    """Return geodesic distances (K, P), in sqrt(area), of P vertices from K sets of P points."""
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
     is_distant = np.array(
         [(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends]
@@ -330,10 +326,9 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints)
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Return panels of the channel that changes most, and of the field and its norm.
+    """Return panels of the channel that changes most (source, target, result) and of the field.
 
-    The panels of the channel are source, target and result. ``bar`` is the title of their colour
-    bars.
+    ``bar`` is the title of the colour bars of the channel.
     """
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())

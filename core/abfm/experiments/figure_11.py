@@ -65,8 +65,8 @@ _PAIRS = (  # pairs of maps that are recovered from the same data with and witho
     ),
     (ZOOMED_FUNCTIONS + BY_NEIGHBOURS, ZOOM_OUT),
 )
-# Map errors are measured at all vertices of meshes up to the first size, and at the second number
-# of vertices on finer meshes.
+# Map errors are measured at all vertices or, on meshes with more vertices than the first number, at
+# the second number of them.
 _ALL_VERTICES_MAX = 1500
 _MEASURED_VERTICES = 500
 # initial maps of the matches with truncated functions, by the name of the match
@@ -287,7 +287,6 @@ class Poses:
         return Example(problem, self.name, specs)
 
     def setting(self, problem: Problem, axes: list[int]) -> str:
-        """Return a description of a match: mesh, functions, initial map, targets and parameters."""
         k = len(self.true_map)
         return (
             f"{scripts.size_text(self.description, self.b)}. Functions: coordinates "
@@ -355,8 +354,7 @@ def compare(
 ) -> Generator[Sequence[RequestedMatch], Sequence[Match], Comparison]:
     """Match by all methods; a common part of the scripts of figures 12 and 13.
 
-    It requests the matches of `requests_on`. The mesh of pose B caches the comparison, so that the
-    other figure requests none.
+    The mesh of pose B caches the comparison, so that the other figure requests no matches.
     """
     b, key = poses.b, (__name__, problem.parameters, poses.true_map.shape)
     if key in b.cache:
@@ -375,8 +373,8 @@ def requests_on(
 ) -> list[RequestedMatch]:
     """Return the matches to compare: one function, three functions, and truncated functions.
 
-    In the last two matches (`_INITIAL_MAPS`) sources and targets are truncated to the same
-    eigenfunctions. A correct initial map then needs no correction.
+    In the last two, sources and targets are truncated to the same eigenfunctions. A correct initial
+    map then needs no correction.
     """
     b, p, target, longest = poses.b, problem.parameters, problem.target, by_extent(poses.a)[:1]
     one_function = Problem(b, problem.source[:, longest], target[:, longest], p)
@@ -402,8 +400,7 @@ def comparison_of(
 ) -> Comparison:
     """Match in the reduced basis; recover maps from this match and from those of `requests_on`.
 
-    ``matches`` are the solved matches of `requests_on`, and ``maps_without`` are the maps of
-    `maps_without_flow`.
+    ``maps_without`` are the maps of `maps_without_flow`.
     """
     a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.true_map), problem.source
     one, three, *others = matches
@@ -441,7 +438,7 @@ def comparison_of(
 def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
     """Return, by name, the maps from B to A that are recovered without a flow.
 
-    They are recovered from the initial map or from the targets (V, 3), the coordinates of A on B.
+    They use the initial map or the targets (V, 3), the coordinates of A on B.
     """
     a, b, k = poses.a, poses.b, len(poses.true_map)
     zoomed = maps.zoom_out(a, b, functional_map(poses.start, _START_MODES), k, _ZOOM_OUT_STEP)
@@ -457,8 +454,8 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
     """Compose a map from B to A with the flow of a match on B, by two methods.
 
-    One method is flow lines. The other is nearest neighbours by the functional map of the flow, in
-    ``k`` eigenfunctions. Return both maps by ``name`` and method.
+    They are flow lines, and nearest neighbours by the functional map of the flow in ``k``
+    eigenfunctions. Return the maps by ``name`` and method.
     """
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
@@ -470,7 +467,7 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
 def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
     """Return the map from each vertex of B to the closest point of A.
 
-    ``functions`` (V, 3) on B are the coordinates of A that a vertex should have, see `coordinates`.
+    ``functions`` (V, 3) are the `coordinates` of A that the vertices should have.
     """
     a = poses.a
     origin = a.vertices[0] - coordinates(a)[0] * a.length_scale
@@ -478,10 +475,7 @@ def closest_points(poses: Poses, functions: FloatArray) -> PointMap:
 
 
 def closest_truncated(poses: Poses, functions: FloatArray) -> PointMap:
-    """Return the map from each vertex of B to the closest point of A in truncated coordinates.
-
-    ``functions`` (V, 3) on B are the `truncated_coordinates` of A that a vertex should have.
-    """
+    """Return the map of `closest_points` for `truncated_coordinates` (V, 3)."""
     a = poses.a
     found = maps.project_onto_surface(
         TriangleMesh(truncated_coordinates(a, len(poses.true_map)), a.faces), functions
@@ -497,10 +491,7 @@ def truncated_coordinates(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def with_flow_lines(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
-    """Compose a map from B to A with exact backward flow lines on B.
-
-    The flow lines are those of fields (N, F, 3) from ``tau`` to 0.
-    """
+    """Compose a map from B to A with exact flow lines on B, traced back from ``tau`` to 0."""
     a, b = start.codomain, start.domain
     lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
     faces, places = zip(*((line.faces[-1], line.barycentric[-1]) for line in lines), strict=True)

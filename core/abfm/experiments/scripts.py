@@ -50,7 +50,7 @@ class FigureSetup:
     ) -> tuple[TriangleMesh, str]:
         """Return the mesh of the options and its name or, without one, the mesh of the figure.
 
-        The mesh of the figure is ``make(*arguments)``, and its name is ``name``.
+        The latter is ``make(*arguments)``, with the name ``name``.
         """
         return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
 
@@ -231,8 +231,8 @@ def example_in_subprocess(figure: int) -> tuple[Example, Match | None]:
     """Create the example of a figure on its default mesh, in a subprocess.
 
     In this process, computing eigenfunctions and geodesics would block a window. Also return the
-    flow of the example as a match, or None if it has none (see `match_of_flow`). Raise an AbfmError
-    if the example cannot be created.
+    flow of the example as a match, if it has one (see `match_of_flow`). Raise an AbfmError if this
+    fails.
     """
     ended = f"figure {figure} could not be set up because its process ended; try again"
     with closing(Worker(no_state, ended)) as worker:
@@ -270,19 +270,17 @@ def match_of_flow(example: Example) -> Match | None:
 
 @lru_cache
 def bundled(name: str) -> TriangleMesh:
-    """Load a mesh that is installed with abfm; meshes and their operators are cached."""
     return load_mesh(asset_path(name))
 
 
 def loop_subdivided(name: str, times: int) -> TriangleMesh:
-    """Return a bundled mesh after ``times`` subdivisions of each face into four (Loop's scheme)."""
+    """Return a bundled mesh after ``times`` Loop subdivisions of each face into four."""
     mesh = bundled(name)
     shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).subdivide_loop(times)
     return TriangleMesh(shape.vertices, shape.faces)
 
 
 def size_text(name: str, *meshes: TriangleMesh) -> str:
-    """Return the name of a surface and the vertex counts of its meshes as text."""
     return f"{name}, {', '.join(f'{len(mesh.vertices):,}' for mesh in meshes)} vertices"
 
 
@@ -291,28 +289,19 @@ def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
 
 
 def advection_example(flow: Flow, name: str, source: str, target: str) -> Example:
-    """Return the example whose target is the source advected by a flow.
-
-    ``source`` is the specification of the source, and ``target`` that of a file, as in `Example`.
-    """
+    """Return the example whose target is the source advected by a flow; see `Example`."""
     f = function(flow.mesh, source)
     problem = Problem(flow.mesh, f, flow.push(f), Parameters(tau=flow.tau))
     return Example(problem, name, ((source, target),), flow)
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return a number of iterations that takes about 30 s with three functions.
-
-    It is at least 60, but at most ``iterations_max``.
-    """
+    """Return the iterations, at least 60, that take about 30 s with three functions."""
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 
 def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...], str]:
-    """Verify a match; return measures, notes for the picture, and a text about missing checks.
-
-    The text is empty if all checks were made.
-    """
+    """Verify a match; return measures, notes for the picture, and a text on missing checks."""
     try:
         verification = found.verify()
     except ParameterError as error:
@@ -336,10 +325,7 @@ def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...],
 def flow_map_measures(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
-    """Measure the maps of a match's flow at the times ``shares`` times tau; return them by label.
-
-    A label has ``name`` and the time.
-    """
+    """Measure the maps of a match's flow at ``shares`` of tau; return them by name and time."""
     return {
         f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
             found.flow.coordinate_map(share * found.parameters.tau)
@@ -349,10 +335,7 @@ def flow_map_measures(
 
 
 def quality_measures(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return measures of named maps, and a note with the maps that are unreliable.
-
-    The measures are the share of folded faces, and distances from the surface.
-    """
+    """Return measures of named maps, and a note with the maps that are unreliable."""
     measures, faults = [], []
     for name, quality in qualities.items():
         measures += [

@@ -26,7 +26,7 @@ class LinearisedFlow:
         self.pattern, self.values = pattern, pattern.values(v)
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Return ``f`` (V,) advected by one step of length ``t``, with the data for `backward`."""
+        """Return ``f`` (V,) advected by one step of length ``t``."""
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -118,7 +118,6 @@ class Advection:
         return out
 
     def _to_earlier_times(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` (V,) to T negative times, each separately; return an array (T, V)."""
         out = np.empty((len(times), len(f)))
         for row, t in enumerate(-times):
             last = max(int(np.ceil(t / self.step * (1 - 1e-12))) - 1, 0)
@@ -133,7 +132,7 @@ class Advection:
 class Discretisation:
     """The discrete advection of functions on a mesh, and the memory that it uses.
 
-    It computes with one value for each vertex or, see `clustered`, for each cluster of vertices.
+    A function has one value for each vertex or, if `clustered`, for each cluster of vertices.
     """
 
     def __init__(
@@ -148,7 +147,7 @@ class Discretisation:
         self.workspace = Workspace(self.size)
 
     def clustered(self) -> Discretisation:
-        """Return the same discretisation, but with one value for each cluster of vertices."""
+        """Return the same discretisation, with one value for each cluster of vertices."""
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:

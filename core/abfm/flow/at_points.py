@@ -48,7 +48,7 @@ def straightest_geodesics(
 
 @per_mesh
 def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
-    """Return the mesh data that geodesics need, as a `SmoothFlow` with a zero field."""
+    """Return a `SmoothFlow` with a zero field, which has the data that geodesics need."""
     return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
 
 

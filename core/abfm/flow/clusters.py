@@ -16,7 +16,7 @@ RATE_RATIO_MAX = 3.0
 # longest edge that joins vertices, in median edge lengths, if the rate is at the limit; it grows
 # with the square root of the rate
 _NEIGHBOUR_DISTANCE_MAX = 0.5
-_ROUNDS = 12  # rounds of joining pairs
+_ROUNDS = 12  # a round joins pairs of clusters
 _RATE_GAIN_MIN = 1.5  # a smaller reduction of the rate does not justify a second discretisation
 
 
@@ -55,11 +55,10 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Return an upper bound of the rate of each cluster of vertices, (number of clusters,).
+    """Return upper bounds of the rates of clusters of vertices, (number of clusters,).
 
-    ``D_v`` is the matrix of the derivative along a field v of length 1. The rate of a cluster is
-    the largest absolute row sum among the rows of its vertices. ``clusters`` (V,) has the index of
-    the cluster of each vertex.
+    A rate is the sum of absolute entries in the cluster's row of the matrix of ``D_v``, for fields
+    v of length 1. ``clusters`` (V,) has the index of the cluster of each vertex.
     """
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
@@ -68,7 +67,7 @@ def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
     for corner in range(3):
         others = [(corner + 1) % 3, (corner + 2) % 3]
         first, second = (slopes[:, k] * (corners[:, k] != corners[:, corner]) for k in others)
-        # the entry is minus the sum of the other two
+        # the diagonal entry is minus the sum of the other two in its row
         diagonal = np.where((first > 0) & (second > 0), slopes[:, corner], first + second)
         together = corners[:, others[0]] == corners[:, others[1]]
         both = diagonal + np.where(together, diagonal, first + second)

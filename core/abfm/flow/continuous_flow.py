@@ -120,10 +120,7 @@ class ContinuousFlow:
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
     def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
-        """Make field ``j`` continuous; return its vectors at corners (F, 3) and its `SmoothFlow`.
-
-        The result for the last field is cached.
-        """
+        """Return the vectors of field ``j`` at corners (F, 3), and its `SmoothFlow`."""
         cached = self._cache
         if cached is None or cached[0] != j:
             unit = refined(self.mesh, self._refined).normalized()
@@ -134,7 +131,7 @@ class ContinuousFlow:
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
         """Move points (all vertices if None) along consecutive fields.
 
-        Each item of ``spans`` has the index of a field and a duration, negative against the flow.
+        ``spans`` has indices of fields and durations, which are negative against the flow.
         """
         mesh, k = self.mesh, self._refined
         faces, barycentric = start_points(mesh, vertex_points(mesh) if start is None else start)
@@ -196,10 +193,7 @@ def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> Smo
 
 
 def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> SmoothFlow:
-    """Prepare a continuous field, given by its `corner_vectors` (F, 3), for flow lines.
-
-    Coordinates of points are in multiples of the length ``unit``.
-    """
+    """Prepare a continuous field, given by its `corner_vectors` (F, 3), for flow lines."""
     gradients, unfolding = hat_gradients(mesh), _unfolding(mesh)
     if unit != 1.0:
         gradients, unfolding = gradients * unit, unfolding / [1.0, 1.0, unit, unit]
@@ -219,10 +213,7 @@ def _unfolding(mesh: TriangleMesh) -> FloatArray:
 
 
 def field_on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
-    """Make a field (F, 3) continuous, and return it on the mesh subdivided once, (4 F, 3).
-
-    Each face of the subdivided mesh gets the vector at its centre.
-    """
+    """Make a field (F, 3) continuous, and evaluate it at the centres of child faces, (4 F, 3)."""
     vectors, corners = smooth_flow(mesh, field).vectors, mesh.vertices[mesh.faces]
     sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(mesh))
     places = np.einsum("qc,fck->fqk", _CENTRES[:, 1:], sides)

@@ -25,17 +25,14 @@ _RIDGE = 0.02  # relative regularisation of the fitted slope, for vertices with 
 def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
     """Make a field (F, 3) continuous; return its complex vectors (F, 3) at the corners of faces.
 
-    They are in the local frames of the faces, and 0 in faces where the field is zero.
+    They are 0 in faces where the field is zero.
     """
     vectors = as_complex(to_frame(mesh, field))
     return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
 
 
 def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
-    """Return vectors (F, 3) at corners that are fitted to vectors (F,) of faces.
-
-    All vectors are complex numbers in the local frames of the faces.
-    """
+    """Return vectors (F, 3) at corners that are fitted to vectors (F,) of faces."""
     fit = _fit(mesh)
     found = _sums(mesh, fit.weights * vectors[:, None])[mesh.corner_fans]
     return np.asarray(np.conj(fit.rotations) * found)
@@ -105,10 +102,7 @@ def _fit(mesh: TriangleMesh) -> _Fit:
 
 
 def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
-    """Sum values at corners (F, 3) over each fan of faces around a vertex.
-
-    Fans are those of `TriangleMesh.corner_fans`.
-    """
+    """Sum values at corners (F, 3) over each fan of faces (`TriangleMesh.corner_fans`)."""
     fans = mesh.corner_fans.ravel()
     parts = (numbers.real, numbers.imag) if np.iscomplexobj(numbers) else (numbers,)
     sums = [np.bincount(fans, part.ravel()) for part in parts]
@@ -116,7 +110,6 @@ def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
 
 
 def _is_closed(mesh: TriangleMesh) -> BoolArray:
-    """Return, for each fan of faces, whether it goes all around its vertex."""
     fans = mesh.corner_fans
     open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
     faces, corner = np.divmod(open_slots, 3)

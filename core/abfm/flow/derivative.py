@@ -112,10 +112,7 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern of ``D_v`` for functions with one value per cluster of vertices.
-
-    If `vertex_clusters` finds no useful clusters, the pattern has one value per vertex.
-    """
+    """Return the pattern for one value per useful cluster (`vertex_clusters`) of vertices."""
     clusters = vertex_clusters(mesh)
     if clusters is None:
         return derivative_pattern(mesh)
@@ -182,10 +179,7 @@ def _pattern(
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:
-    """Divide the rows of the matrix into blocks, and return the bounds of the blocks.
-
-    All neighbours of the rows of a block are in the same, the next or the previous block.
-    """
+    """Return the bounds of blocks of rows, see ``bounds`` of `DerivativePattern`."""
     count = len(indptr) - 1
     if count < _BLOCKED_VERTICES_MIN:
         return np.array([0, count])
@@ -211,7 +205,7 @@ def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def assemble_transposed(assembly: Assembly, entries: FloatArray, out: FloatArray) -> None:
-    """Convert derivatives by entries of ``D_v`` to derivatives by v; add them to ``out`` (F, 2)."""
+    """Add derivatives by v to ``out`` (F, 2), from derivatives by the entries of ``D_v``."""
     faces, positions, slopes, inverse_areas = assembly
     for f in range(faces.shape[0]):
         for b in range(3):
@@ -238,7 +232,6 @@ def dot(a: FloatArray, b: tuple[float, ...]) -> float:
 def grouped_product(
     indptr: IndexArray, indices: IndexArray, values: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
-    """Compute ``out = matrix @ x`` for a matrix that is stored in groups of seven entries."""
     for i in range(out.size):
         total = 0.0
         for group in range(indptr[i], indptr[i + 1]):
@@ -250,7 +243,7 @@ def grouped_product(
 def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, rounds: int) -> float:
     """Return an upper bound of the spectral radius of a matrix in groups of seven entries.
 
-    It is the smallest of up to ``rounds`` Collatz-Wielandt quotients of ``|matrix|``.
+    It is the smallest of several Collatz-Wielandt quotients of ``|matrix|``.
     """
     size = indptr.size - 1
     x, y = np.ones(size), np.empty(size)

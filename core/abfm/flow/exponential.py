@@ -74,10 +74,7 @@ def counted_row_products() -> Iterator[RowProducts]:
 
 
 def _count(terms: int, size: int) -> None:
-    """Add the row products of a series with ``terms`` terms and ``size`` rows to the open counts.
-
-    The first term is the function itself, which needs no product.
-    """
+    """Add the row products of a series to the open counts; its first term needs none."""
     for products in _open_counts:
         products.count += max(terms - 1, 0) * size
 
@@ -182,7 +179,7 @@ class ExponentialFlow:
             raise AdvectionError(
                 "the field is not finite or overflows; expected one finite vector per face"
             )
-        # Rounded up to a grid. The scheme is then locally constant in the field, so that its
+        # The bound is rounded up to a grid, so that it is locally constant in the field, and the
         # derivative is exact.
         self.rho = float(2.0 ** (np.ceil(64 * np.log2(max(bound, _BOUND_MIN))) / 64))
 
@@ -217,8 +214,7 @@ class ExponentialFlow:
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """Advect ``f`` by ``count`` segments of time ``step``; return None if they are too long.
 
-        In a segment that is too long, terms become so large compared with ``f`` that they lose
-        digits.
+        Terms are then so much larger than ``f`` that they lose digits.
         """
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
@@ -252,7 +248,6 @@ class ExponentialFlow:
         return self.pattern.extended(end), used, growth
 
     def _series_of(self, values: FloatArray, step: float, coefficients: FloatArray) -> Series:
-        """Return the series of a time ``step``, for the entries of ``D_v`` or of its transpose."""
         pattern, scale = self.pattern, -float(np.sign(step)) / self.rho
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
@@ -269,7 +264,7 @@ class ExponentialFlow:
         for segment in reversed(trajectory.segments):
             terms = segment.terms
             if terms is None or segment.generation != self.workspace.generation:
-                terms = self.workspace.terms[: len(coefficients)]  # memory for temporary terms
+                terms = self.workspace.terms[: len(coefficients)]  # the block for temporary terms
                 self._series(segment.start, trajectory.step, coefficients, terms)
             _count(segment.count, self.pattern.size)
             dual = self.pattern.restricted_dual(mu)
@@ -279,10 +274,7 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Advect ``f`` (V,) to T times of one sign, ordered away from zero; return an array (T, V).
-
-        All times in a segment are evaluated with the same terms.
-        """
+        """Advect ``f`` (V,) to T times of one sign, in ascending absolute value; return (T, V)."""
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)

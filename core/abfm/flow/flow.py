@@ -26,10 +26,7 @@ from abfm.types import FloatArray
 
 
 def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterator[PointMap]:
-    """Yield, for each of T times, the map from each vertex to the origin of its value.
-
-    The origin is the point from which the flow advects a value to the vertex. With ``inverse``,
-    each vertex is mapped to its destination. A negative time exchanges origins and destinations.
+    """Yield the map of `Flow.point_map` for each of T times.
 
     Points continue from the map of the previous time if that time is smaller. This requires that
     they move forward, or backward along a single field.
@@ -48,7 +45,6 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
 
 
 def map_of_points(lines: ContinuousFlow, time: float, inverse: bool) -> SurfaceMap:
-    """Return a map of `flow_maps` at one time as a function of points that returns their images."""
     ahead = inverse != (time < 0)
     return partial(lines.destinations if ahead else lines.origins, t=abs(time))
 

@@ -170,7 +170,6 @@ class _Fans:
 
 @kernel
 def product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the matrix product ``a b`` of a (2, 2) and a (2, n) matrix."""
     out = np.empty((2, b.shape[1]))
     for i in range(2):
         for j in range(b.shape[1]):
@@ -193,7 +192,7 @@ def glide(
     """
     gradients, left, entered, slid = flow.gradients, 1.0, -1, False
     x, y, u, v = place[0], place[1], way[0], way[1]
-    # derivatives of the start, in this frame and along this vector, and of the vector
+    # derivatives of the unfolded start and of the vector, in the present frame
     base, ahead = np.zeros((2, 4)), np.zeros((2, 4))
     base[0, 0] = base[1, 1] = ahead[0, 2] = ahead[1, 3] = 1.0
     motion[0, 0] = motion[1, 1] = 1.0
@@ -255,7 +254,6 @@ def weights_at(flow: SmoothFlow, f: int, place: FloatArray, out: FloatArray) -> 
 
 @kernel
 def slopes_in(flow: SmoothFlow, f: int) -> FloatArray:
-    """Return the derivative (2, 2) of the field by the position in face ``f``."""
     out = np.empty((2, 2))
     for i in range(2):
         for k in range(2):

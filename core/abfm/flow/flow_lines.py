@@ -35,10 +35,10 @@ _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
 class FlowLine:
     """The path of one point: straight at constant speed between K consecutive positions."""
 
-    # (K,), times at the places, ascending from 0, or descending from 0 against the flow
+    # (K,), times at the positions, ascending from 0, or descending from 0 against the flow
     times: FloatArray
     positions: FloatArray  # (K, 3), in the mesh's units
-    faces: IntArray  # (K,), a face that contains each place
+    faces: IntArray  # (K,), a face that contains each position
     barycentric: FloatArray  # (K, 3), weights of the corners of that face
     ending: Ending
     """Reason for the end of the path.
@@ -144,10 +144,6 @@ def _walked(
 
 
 def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
-    """Prepare a field (F, 3) for tracing flow lines.
-
-    Raises a ParameterError if the field is so large that rates overflow.
-    """
     coefficients, corners = to_frame(mesh, field), mesh.vertices[mesh.faces]
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     edges = np.einsum("fcx,fkx->fck", edges, face_frames(mesh))

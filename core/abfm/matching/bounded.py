@@ -25,12 +25,13 @@ _MATCHES_MAX = 3  # number of matches between two steps; each takes as long as t
 _SCALED_STEPS_MAX = 3  # number of steps beyond the bound whose fields are scaled down
 _SCALINGS_MAX = 6  # number of scale factors that are tried for one step
 _BOUND_SHARE_MIN = 0.98  # a distortion above this share of the bound is close enough
-_INTERVAL_MARGIN = 0.1  # least distance of the next scale factor from the ends of its interval
-_SIGMA_FACTOR = 3.0  # multiple of the first sigma that has smoother fields than the first step
+_INTERVAL_MARGIN = 0.1  # least distance of a scale factor from the ends, relative to the interval
+# if the first step exceeds the bound, the search begins at this multiple of its sigma
+_SIGMA_FACTOR = 3.0
 
 
 class _Sigmas(NamedTuple):
-    """The parameters sigma and landmark_sigma of one step; both decrease along a path."""
+    """The values of sigma and landmark_sigma in one step of a match."""
 
     sigma: float
     landmark_sigma: float
@@ -110,7 +111,7 @@ def check_bound(max_distortion: float) -> None:
 
 
 class _Search:
-    """The search of `limit_distortion`, with the best match so far."""
+    """The search of `limit_distortion` for the best match within the bound."""
 
     def __init__(
         self,
@@ -189,9 +190,8 @@ class _Search:
     def _between(self, start: Match, number: int) -> None:
         """Solve matches with sigma between the best step within the bound and the next step.
 
-        Here ``number`` is the index of the best step, or -1 if only the field without motion is
-        within the bound. The first match starts from the fields of ``start``, later ones from their
-        latest fields within the bound.
+        ``number`` is the index of the best step, or -1 if only the field without motion is within
+        the bound. Each match starts from the latest fields within the bound.
         """
         path = self._found.path
         low = self._sigmas(path[number]) if number >= 0 else self._sigmas(path[0]).smoother()
@@ -215,7 +215,7 @@ class _Search:
                 high = middle
 
     def _set_path(self) -> None:
-        """Make the path of the best match all steps within the bound, among them its own step."""
+        """Set the path to all steps within the bound, including the best one."""
         assert self.best is not None
         selected = self.best.path[self.best.step]
         numbers = [i for i, each in enumerate(self._path) if each.velocity is selected.velocity]
@@ -240,5 +240,5 @@ class _Search:
 
 
 def _scaled(step: PathStep, times: float) -> PathStep:
-    """Return a step with its fields multiplied by ``times``, without scores of held-out patches."""
+    """Return a step with its fields multiplied by ``times``, without a cross-validation score."""
     return replace(step, velocity=times * step.velocity, held_out=math.nan, score=math.nan)

@@ -51,14 +51,12 @@ class PathStep:
     log2_area_95 : float
         Area-weighted 95th percentile of ``|log2 J|``.
     held_out : float
-        Residual of held-out patches, relative to that of the same patches without motion. If the
-        residual is below 1, the field also improves values that it was not fitted to. NaN if
-        nothing was held out.
+        Cross-validation residual: that on patches of the surface that were excluded from the fit,
+        relative to their residual without motion. NaN if no patches were excluded.
     score : float
-        Residual of held-out patches along flow lines plus 0.25 times ``log2_area``, both on the
+        Residual of these patches along flow lines plus 0.25 times ``log2_area``, both on the
         coarsest mesh. The match is the step with the smallest score. If sigma was interpolated
-        between two steps, ``held_out`` and the score are interpolated as well. NaN if nothing was
-        held out.
+        between two steps, ``held_out`` and the score are interpolated as well.
     mismatch : float
         See `Match`.
     """
@@ -78,7 +76,7 @@ class PathStep:
     mismatch: float = math.nan
 
     def refined(self, mesh: TriangleMesh) -> int:
-        """Return how many times ``mesh`` is subdivided to get the mesh of the fields."""
+        """Return how many times ``mesh`` is subdivided for the fields of this step."""
         return times_subdivided(self.velocity.shape[1], mesh)
 
 
@@ -88,7 +86,8 @@ NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 def choice_text(path: Sequence[PathStep], step: int) -> str:
     """Return a phrase with the selected sigma, its score, and the larger scores of its neighbours.
 
-    The phrase is empty if no patches were held out, or if another step has a smaller score.
+    The phrase is empty if no patches were held out (`PathStep.held_out`), or if another step has a
+    smaller score.
     """
     scores = np.array([each.score for each in path])
     if not scores[step] <= np.nanmin(scores, initial=np.inf):

@@ -127,7 +127,7 @@ class Problem:
     specs: tuple[tuple[str, ...], tuple[str, ...]]
     functions: FunctionTerm
     landmarks: Landmarks | None
-    channels_given: bool  # whether source and target were given as (V, C)
+    channels_given: bool  # whether the input was (V, C), not (V,)
 
     def __init__(
         self,
@@ -356,7 +356,6 @@ class Problem:
         return {name: np.asarray(part) for name, part in parts.items()}
 
     def residual(self, advected: FloatArray, errors: FloatArray | None) -> float:
-        """Return the larger residual: of advected functions (C, V) or of landmark errors (L,)."""
         of_functions = self.functions.residual(advected)
         return of_functions if errors is None else max(of_functions, residual_of_errors(errors))
 

@@ -42,7 +42,7 @@ _RESIDUAL_DIFFERENCE = 0.005
 """Allowed difference between the stored residual and the residual computed from the field.
 
 It is a tenth of the usual goal. Rounding errors are 1e-6 of it."""
-_RESIDUAL_SHARE = 0.05  # allowed difference relative to the residual
+_RESIDUAL_SHARE = 0.05  # the same, relative to the residual
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ class Match(Display):
 
     @np.errstate(over="ignore", invalid="ignore")  # files may have functions that are too large
     def _checked_against(self, problem: Problem, fine_advected: FloatArray) -> Match:
-        """Return the match; if a newly advected source (V, C) contradicts it, recompute it."""
+        """Return the match if a newly advected source (V, C) agrees with it; else recompute it."""
         advected = fine_advected[: len(self.mesh.vertices)]
         residual = problem.residual(fine_advected.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
@@ -306,7 +306,7 @@ class Match(Display):
             )
         else:
             return self
-        # the numbers of an interrupted run refer to a coarser level
+        # an interrupted run may have measured its residual on a coarser mesh
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
             self.verified_residual
         )
@@ -339,7 +339,6 @@ class Match(Display):
         return other.judged()
 
     def _has_better_verdict(self) -> bool:
-        """Return whether the stored verdict is better than the residual allows."""
         due = outcome_of(self.worse_residual, self.parameters.goal)
         return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
             due.rank > self.verdict.kind.rank
@@ -452,7 +451,7 @@ def _advected(problem: Problem, velocity: FloatArray) -> FloatArray:
 
 
 def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
-    """Return the parts of the file of a match, except its mesh, as functions that make them.
+    """Return functions that make the parts of the file of a match, except its mesh, by name.
 
     A function may raise an error; only the part with the fields is indispensable. Unknown values
     are omitted.
@@ -575,7 +574,6 @@ def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return the remedies that `match_parts` stored as JSON."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:

@@ -29,7 +29,7 @@ _EXTREMA_MAX = 20
 # edges per width of a feature. With fewer, advection over half of sqrt(area) has errors of
 # several percent.
 RESOLUTION_MIN = 5.0
-_VARIATION_SHARE = 0.75  # quantile of the changes along edges that sets the resolution
+_VARIATION_SHARE = 0.75  # share of the variation on edges with changes below the one that counts
 # a source has vanished if its standard deviation is below this share of the original one. Among 18
 # matches of Gaussians, those with a final mismatch of 1 had a share below 0.01, others above 0.4.
 _DEVIATION_SHARE = 0.2
@@ -79,7 +79,6 @@ def source_is_constant(functions: FunctionTerm) -> bool:
 
 
 def target_is_constant(functions: FunctionTerm) -> bool:
-    """Return whether the target is constant, where channel weights and mask are above 0."""
     return _constant(functions.target[_weighted_channels(functions)][:, functions.areas > 0])
 
 
@@ -130,9 +129,9 @@ def hardly_moved(functions: FunctionTerm, advected: FloatArray) -> bool:
 def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
     """Return the width of the narrow features of a function (V,) or (V, C), in edges.
 
-    The width is half the range of the function, divided by a change along an edge. A quarter of the
-    variation ``int |grad f|^2`` lies on edges with larger changes than this one. With several
-    channels, the result is the smallest width. It is infinite for constants.
+    The width is half the range of the function, divided by a large change along an edge. Edges with
+    larger changes have a quarter of the variation ``int |grad f|^2``. With several channels, the
+    result is the smallest width. It is infinite for constants.
 
     A Gaussian ``exp(-r^2 / (2 width^2))`` on a regular mesh spans its width divided by the edge
     length, to within 15%. Its width has to be at least one edge. A jump spans half an edge. Bumps
@@ -327,8 +326,8 @@ def boundary_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Dif
 def first_difference(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
     """Return the index of the first channel that no flow can match, and its features of f and g.
 
-    The result is None if neither `extrema_difference` nor `boundary_difference` finds a difference.
-    It is also None if a vertex is masked, since the mask may hide the difference.
+    None if neither `extrema_difference` nor `boundary_difference` finds a difference, or if a
+    vertex is masked, since the mask may hide the difference.
     """
     if (functions.areas > 0).all():
         for channel in _weighted_channels(functions):

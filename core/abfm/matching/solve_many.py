@@ -98,10 +98,10 @@ class _Task(NamedTuple):
 
 
 def _disk(folder: Path) -> tuple[str, int, int]:
-    """Return what identifies the disk of a temporary folder, also after the folder is deleted.
+    """Return an identifier of the disk of a temporary folder, also after the folder is deleted.
 
-    It consists of the name of the machine, and of device and inode of the parent folder. Machines
-    with equal disks have different names, and containers with equal names have different disks.
+    It consists of the machine's name, and device and inode of the parent folder. Different machines
+    may have equal devices and inodes, and different containers equal names.
     """
     try:
         found = folder.parent.stat()

@@ -109,10 +109,7 @@ class _Factor:
 
 
 class _SubprocessFactor:
-    """A factorisation that runs in its own subprocess, at the same time as others.
-
-    The first solve waits until it is finished.
-    """
+    """A factorisation in its own subprocess; the first solve waits until it is finished."""
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
@@ -133,8 +130,6 @@ class _SubprocessFactor:
 
 
 class _FactorHolder:
-    """The object in the subprocess of a `_SubprocessFactor`, which stores its factorisation."""
-
     _solve: Solve | None = None
 
     def factor(self, matrix: sparse.csr_array) -> None:

@@ -90,8 +90,8 @@ def kernel(function: Kernel) -> Kernel:
 def unfused_kernel(function: Kernel) -> Kernel:
     """Compile a function as `kernel` does, but without fused multiply-adds.
 
-    Whether products and sums are fused depends on inlining, and inlining differs for callees loaded
-    from the cache. Kernels that branch on signs could then decide differently.
+    Whether products and sums are fused depends on inlining, which differs for callees loaded from
+    the cache. Kernels that branch on signs could then decide differently.
     """
     return _compiled(function, set())
 
@@ -141,7 +141,6 @@ inner = _compiled(inner, {"contract", "reassoc"})
 def csr_product(
     indptr: IndexArray, indices: IndexArray, data: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
-    """Write the product of a CSR matrix and a vector ``x`` to ``out``."""
     for i in range(out.size):
         total = 0.0
         for e in range(indptr[i], indptr[i + 1]):

@@ -204,10 +204,7 @@ class LBFGS(Generic[Point]):
 
 @kernel
 def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
-    """Apply a pair to ``q`` in the first loop of the two-loop recursion; return its weight.
-
-    ``found`` is ``H_0 q`` and is updated in the same way.
-    """
+    """Apply a pair to ``q`` and ``found = H_0 q`` in the two-loop recursion; return its weight."""
     weight: float = pair.rho * inner(pair.s, q)
     for i in range(q.size):
         q[i] -= weight * pair.y[i]
@@ -217,7 +214,6 @@ def first_loop_update(pair: Pair, q: FloatArray, found: FloatArray) -> float:
 
 @kernel
 def second_loop_update(pair: Pair, weight: float, found: FloatArray) -> None:
-    """Apply a pair, with its weight of the first loop, to ``found`` in the second loop."""
     share = weight - pair.rho * inner(pair.y, found)
     for i in range(found.size):
         found[i] += share * pair.s[i]

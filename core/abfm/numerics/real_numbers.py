@@ -29,10 +29,7 @@ def real_numbers(
 
 
 def plain_array(values: Any) -> NDArray[Any]:
-    """Return values as a NumPy array, with NaN for masked numbers.
-
-    PyTorch tensors are detached and copied to the CPU. Objects may raise any error.
-    """
+    """Return values as a NumPy array; see `real_numbers`. Objects may raise any error."""
     if hasattr(values, "detach") and hasattr(values, "cpu"):
         values = values.detach().cpu()
     array = np.asarray(values)

@@ -34,7 +34,7 @@ from abfm.types import FloatArray, IndexArray
 FloatImage = NDArray[np.float32]
 GREY = 0.5
 _STEP = 1.5  # step of a streamline, in grains (widths of a noise cell)
-# largest distance, in texels, between places where noise is read and texels are served
+# largest distance, in texels, between points of a streamline at which a texel gets its value
 _STRIDE = 1.2
 _RIPPLES = 2
 _PARTS_MIN = 3  # least number of parts of a step; noise is read at each
@@ -45,7 +45,7 @@ _SLOW_AREA_SHARE = 0.98
 _GRAIN_TEXELS_MIN = 1.5
 _CONTRAST_STRIDE = 7  # texels between the samples that determine the contrast
 _ROUNDING = 1e-9
-# a streamline grows by chunks of so many steps beyond the convolved ones, at most so many times
+# steps by which a streamline grows beyond its first ones, and how often it may grow
 _CHUNK = 4
 _CHUNKS = 12
 _NEW_TEXEL = 255  # marks texels that no streamline has met
@@ -109,7 +109,7 @@ def line_integral_convolution(
         grain = max(width * scale, _GRAIN_TEXELS_MIN * spacing)
         flow, areas = smooth_flow(mesh, field, grain), face_areas(mesh) / grain**2
         places = mesh.vertices @ _TILT / grain + _SHIFT
-        # places in space and in the texture as functions ``a + b x + c y`` of those in frames
+        # positions in space and texture as functions ``a + b x + c y`` of (x, y) in frames of faces
         corners = np.concatenate([places[mesh.faces], atlas.corners], axis=2)
         slopes = np.einsum("fiq,fik->fqk", corners, flow.gradients)
         charts = np.concatenate([corners[:, 0, :, None], slopes], axis=2)
@@ -157,7 +157,7 @@ class Streamlines(NamedTuple):
     owners: IndexArray  # (texels,), face of each texel, row by row, or -1
     size: int  # texels in a row
     step: float
-    parts: int  # parts of a step, after each of which a texel is served
+    parts: int  # parts of a step, after each of which a texel gets a value
     calm: float  # largest speed without a direction
     seed: int  # seed of the noise
 
@@ -205,8 +205,7 @@ def follow(
 ) -> Walker:
     """Follow a streamline for some steps, ahead (1) or back (-1), and record them in ``track``.
 
-    Beyond the end of the streamline the noise continues straight in space, so that all streamlines
-    have the same amount of noise.
+    Beyond its end the noise continues straight in space, so that all streamlines have equally much.
     """
     flow, charts, size, parts = lines.flow, lines.charts, lines.size, lines.parts
     place, step, calm = track.place, ahead * lines.step, lines.calm
@@ -246,9 +245,9 @@ def follow(
 
 @kernel
 def hashed(place: FloatArray, seed: int) -> float:
-    """Return a random number from -1 to 1, the noise at a position (3,) in space.
+    """Return the noise at a position (3,) in space, a random number from -1 to 1.
 
-    It is constant in each noise cell, a cube of side 1.
+    It is constant in each cube of side 1.
     """
     h = (np.uint64(seed) + np.uint64(1)) * np.uint64(0xD1B54A32D192ED03)
     h ^= h >> np.uint64(32)
@@ -277,10 +276,7 @@ def place_of(lines: Streamlines, f: Face, b: FloatArray) -> tuple[float, float]:
 
 @kernel
 def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) -> float:
-    """Return the sum of noise, from index ``start`` on, times the weights of one image.
-
-    ``picture`` is the index of the image. The sum is computed as four partial sums.
-    """
+    """Return the sum of noise from index ``start`` on, times the weights of one image."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     count = weights.shape[1]
     whole = (count // 4) * 4
@@ -299,8 +295,8 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
 
     The convolution fills the texels whose centre is in their face, and sets ``done`` (texels,) for
-    them. Each streamline provides the values of the texels that it meets, unless another streamline
-    came nearer to their centres. It grows while enough of these texels are new.
+    them. A texel gets the value of the streamline nearest to its centre. A streamline grows while
+    enough of the texels that it meets are new.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS
@@ -348,7 +344,7 @@ def grow(
 ) -> int:
     """Extend a streamline to one side by half the window, and further while it meets new texels.
 
-    Return the number of steps for which the noise is known over a complete window.
+    Return the number of steps at which the complete window has noise.
     """
     half, most = lengths
     track, nearest = met
@@ -393,10 +389,7 @@ def serve(
 
 @kernel
 def sharpen(factor: float, images: FloatImage) -> None:
-    """Multiply the values of ``images`` (P, texels) by ``factor``, clip them, and apply a sine.
-
-    The results are from -0.5 to 0.5.
-    """
+    """Multiply images (P, texels) by ``factor``, clip, and apply a sine: -0.5 to 0.5."""
     for picture in range(images.shape[0]):
         for texel in range(images.shape[1]):
             share = min(max(images[picture, texel] * factor, -0.5), 0.5)

@@ -122,10 +122,10 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles in rectangles, and place these in a square texture.
+    """Pair triangles with legs (F, 2), in texels, in rectangles, and place these in a square.
 
-    ``legs`` (F, 2) are the legs of the triangles in texels. Return whether all rectangles fit, the
-    sequence of the triangles, and the sides and corners of the rectangles.
+    Return whether all rectangles fit, the sequence of the triangles, and the sides and corners of
+    the rectangles.
     """
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
@@ -159,10 +159,7 @@ def set_on_shelves(sides: IndexArray, size: int, corners: IndexArray) -> bool:
 def halve_rectangles(
     corners: IndexArray, sides: IndexArray, owners: IndexArray, texels: IndexArray
 ) -> None:
-    """Assign the texels of each rectangle to one face below and one above its falling diagonal.
-
-    ``owners`` (n, 2) has both faces of each rectangle; ``texels`` is the face of each texel.
-    """
+    """Write to ``texels`` the face of each texel: below or above its rectangle's diagonal."""
     for i in range(sides.shape[0]):
         w, h = sides[i, 0], sides[i, 1]
         for row in range(h):

@@ -82,7 +82,6 @@ def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
 
 
 def hint(text: str) -> str:
-    """Return advice on how to write a number if a text contains a comma, else an empty text."""
     return "; use a decimal point and no thousands separators" if "," in text else ""
 
 
@@ -164,10 +163,7 @@ def number_input(
 
 
 def read_number(text: str, expected: str, is_valid: Callable[[float], bool]) -> float:
-    """Parse a finite number for which ``is_valid`` returns True, or raise ParameterError.
-
-    ``expected`` describes such a number in the message, for example "above 0".
-    """
+    """Parse a finite number for which ``is_valid`` returns True; see `number_input`."""
     try:
         number: float = parse_number(text)
     except ValueError:
@@ -187,10 +183,7 @@ def _circular(text: str) -> bool | float:
 
 @lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the function specification of a text, a specification or the name of a values file.
-
-    FunctionError if the text is neither.
-    """
+    """Return the specification of a text: a specification, or the name of a values file."""
     try:
         parse(text)
     except FunctionError:
@@ -239,7 +232,7 @@ def renamed_function(text: str, rename: Rename) -> str:
 
 
 def channel_words(text: str, metavar: str) -> list[str]:
-    """Split the text of a channel into words, as many as in ``metavar``; else ParameterError."""
+    """Split the text of a channel into as many words as ``metavar`` has."""
     try:
         words = _split(text)
     except ValueError:

@@ -10,8 +10,7 @@ from typing import Any
 from abfm.workers.control import Control
 
 
-def ignore(*_: object) -> None:
-    """Do nothing; the default of callbacks."""
+def ignore(*_: object) -> None: ...
 
 
 @dataclass(frozen=True)

@@ -65,14 +65,15 @@ SENTENCES: dict[Cause, str] = {
         "{missed} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
     ),
     Cause.LIMIT_OF_DATA: (
-        "a closer match would fit noise, as it would not predict held-out patches better"
+        "a closer match would fit noise, as patches that were excluded from the fit would not "
+        "match better"
     ),
     Cause.LITTLE_IMPROVEMENT: (
         "the residual is not clearly smaller than before the flow, so the functions are not "
         "registered"
     ),
     Cause.NO_HELD_OUT_IMPROVEMENT: (
-        "the residual of held-out patches does not fall, so the field fits noise"
+        "patches that were excluded from the fit do not match better, so the field fits noise"
     ),
     Cause.INITIAL_MAP: "{warning}",
     Cause.COMPLETE_MAP: (

@@ -196,7 +196,6 @@ def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTo
 
 
 def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """Return numbers by name; None replaces infinite numbers and NaN."""
     return {name: finite(number) for name, number in numbers.items()}
 
 

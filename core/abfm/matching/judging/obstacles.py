@@ -26,11 +26,10 @@ class Obstacle:
 
 
 def expected_facts(problem: Problem) -> Facts | None:
-    """Return facts about an obstacle to a match, found before it is solved; None without one.
+    """Return facts about an obstacle that is found before a match is solved, or None.
 
     The outcome is ``impossible`` if no flow can match f to g, or none can match g to f. It is
-    ``nearly`` if peaks, pits or boundary values differ, as no flow can match the functions there.
-    The outcome is the same if f and g are exchanged. If the functions already agree within the
+    ``nearly`` if peaks, pits or boundary values differ. If the functions already agree within the
     goal, there is no obstacle.
     """
     functions = problem.functions
@@ -90,7 +89,6 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
 
 
 def _at_least(bound: float) -> str:
-    """Return a lower bound in percent, rounded down."""
     return f"{math.floor(100 * bound)}%"
 
 

@@ -14,7 +14,7 @@ _PARAMETER_FACTOR = 3.0  # ratio of the present and the suggested value of a par
 _SIGMA_FACTOR = 10.0  # this ratio for sigma, if the source did not move to the target
 _ITERATIONS_FACTOR = 4
 _LARGE_ALPHA_FACTOR = 10.0  # an alpha above this multiple of its default is reduced
-# besides a reach, the search for a distant target needs the defaults of these parameters
+# the search for a distant target needs a reach, and the defaults of these parameters
 _CONTINUATION_NAMES = (
     "order",
     "levels",
@@ -60,12 +60,12 @@ CONTINUE_REMEDY = Remedy("Continue", "continue from this field", {}, True)
 
 
 class Remedies:
-    """The possible remedies of a match, with values derived from its parameters and last sigma."""
+    """The changes of parameters that may improve a match."""
 
     def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
         self._functions, self._parameters = functions, parameters
         self._refined, self._sigma = refined, parameters.last_sigma
-        # with a sigma above the default, a match reduces the energy only a little
+        # with such a sigma, smoothness outweighs the match
         relative = parameters.paper.sigma_unit == "relative"
         self.has_large_sigma = relative and parameters.last_sigma > _DEFAULTS.last_sigma
 
@@ -78,17 +78,13 @@ class Remedies:
     def has_small_reach(self) -> bool:
         """Whether the parameter ``reach`` is too small for the target, or below its default.
 
-        A value below the default may be too small, because the distance along the surface may be
-        larger than the straight distance.
+        Below the default it may be too small, as the distance along the surface may exceed the
+        straight one.
         """
         return self.is_beyond_reach or self._parameters.solver.reach < _DEFAULTS.solver.reach
 
     def more_iterations(self) -> Remedy:
-        """Return the remedy of more iterations.
-
-        Their number is at least the default, because a match that needs fewer iterations stops
-        earlier.
-        """
+        """Suggest more iterations, at least the default number."""
         count = min(
             max(
                 _ITERATIONS_FACTOR * self._parameters.solver.iterations, _DEFAULTS.solver.iterations
@@ -98,7 +94,7 @@ class Remedies:
         return Remedy("More time", f"use more iterations, such as {count}", {"iterations": count})
 
     def larger_reach(self) -> Remedy:
-        """Return the remedy of a search for the target over a larger distance."""
+        """Suggest to search for the target over a larger distance."""
         p, usual = self._parameters, _DEFAULTS.to_dict()
         needed = _rounded(max(solvability.distance(self._functions), _DEFAULTS.solver.reach))
         values = {name: usual[name] for name in _CONTINUATION_NAMES} if not p.solver.reach else {}
@@ -113,10 +109,7 @@ class Remedies:
         return Remedy("Reach further", words, changed)
 
     def more_consistent(self) -> Remedy | None:
-        """Return a remedy that makes the discrete flow and flow lines agree; None if unknown.
-
-        It changes a likely cause of the disagreement: the reach, order and alpha, or sigma.
-        """
+        """Suggest a change that is likely to make discrete flow and flow lines agree, if any."""
         p = self._parameters
         if self.is_beyond_reach:
             return self.larger_reach()
@@ -128,7 +121,7 @@ class Remedies:
         return self.much_smaller_sigma() if self.has_large_sigma else None
 
     def finer_mesh(self) -> Remedy | None:
-        """Return the remedy of a finer mesh, which starts from the present field.
+        """Suggest a finer mesh, starting from the present field.
 
         None if the mesh is already subdivided `REFINE_MAX` times, or if the method does not refine
         meshes.
@@ -142,17 +135,14 @@ class Remedies:
         )
 
     def larger_alpha(self) -> Remedy:
-        """Return the remedy of a larger alpha.
-
-        The run starts without motion, because no smoother field is near the present one.
-        """
+        """Suggest a larger alpha, without a start, as no smoother field is near the present one."""
         alpha = min(
             _rounded(_PARAMETER_FACTOR * self._parameters.alpha or _DEFAULTS.alpha), ALPHA_MAX
         )
         return Remedy("Smoother", f"use a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_alpha(self) -> Remedy | None:
-        """Return the remedy of the default alpha; None unless alpha is over ten times the default.
+        """Suggest the default alpha if the present one is over ten times as large.
 
         The run starts without motion, because the present field may have moved the source to a
         wrong place.
@@ -163,16 +153,16 @@ class Remedies:
         return Remedy("Less smooth", f"use a smaller alpha, such as {alpha:g}", {"alpha": alpha})
 
     def smaller_sigma(self) -> Remedy:
-        """Return the remedy of a smaller sigma, which starts from the present field."""
+        """Suggest a smaller sigma, starting from the present field."""
         sigma = max(_rounded(self._sigma / _PARAMETER_FACTOR), VALUE_MIN)
         words = f"use a smaller sigma, such as {sigma:g}"
         return Remedy("Match closer", words, {"sigma": sigma}, True)
 
     def smaller_landmark_sigma(self) -> Remedy | None:
-        """Return the remedy of a smaller landmark_sigma.
+        """Suggest a smaller landmark_sigma.
 
-        None if only landmarks are matched and landmark_sigma is at most its default. Smaller values
-        would not reduce their errors.
+        None if only landmarks are matched and landmark_sigma is at most its default, as smaller
+        values would not reduce their errors.
         """
         is_usual = self._parameters.landmark_sigma <= _DEFAULTS.landmark_sigma
         if is_usual and self._functions.is_constant:
@@ -182,7 +172,7 @@ class Remedies:
         return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
 
     def much_smaller_sigma(self) -> Remedy:
-        """Return the remedy of a much smaller sigma, which starts without motion."""
+        """Suggest a much smaller sigma, starting without motion."""
         least = _DEFAULTS.last_sigma if self.has_large_sigma else VALUE_MIN
         sigma = max(_rounded(self._sigma / _SIGMA_FACTOR), least)
         return Remedy("Match closer", f"use a smaller sigma, such as {sigma:g}", {"sigma": sigma})

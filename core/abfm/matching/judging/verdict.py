@@ -100,8 +100,8 @@ class Verdict:
     def for_step(self, sigma: float) -> "Verdict":
         """Return the verdict for one step of the continuation; its reason states ``sigma``.
 
-        The reason why the match stopped and the advice are dropped, because they refer to the last
-        step. The outcomes ``matched`` and ``impossible`` keep their verdict.
+        Advice and the reason why the match stopped refer to its last step, and are omitted. The
+        outcomes ``matched`` and ``impossible`` keep their verdict.
         """
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
@@ -137,14 +137,14 @@ class Evidence:
     stop_reason: StopReason
     verified: float = math.nan  # residual along flow lines; NaN if unknown
     folded: float = math.nan  # share of folded faces in the map of the flow, 0 to 1; NaN if unknown
-    # energies of the iterates of the last stage, (n,); None counts as still falling
+    # energies of the iterates for the last sigma, (n,); if None, the energy counts as falling
     energies: FloatArray | None = None
     log2_area: float = math.nan  # mean ``|log2 J|`` of the map; NaN if unknown
     refined: int = 0  # number of subdivisions of the mesh
     # initial and final errors of the landmarks, (L,) each, in sqrt(area); None without landmarks
     landmarks: tuple[FloatArray, FloatArray] | None = None
-    held_out: float = math.nan  # number `PathStep.held_out`; NaN if unknown
-    bound: Bound | None = None  # the bound of distortion of the search, if any
+    held_out: float = math.nan  # see `PathStep.held_out`
+    bound: Bound | None = None  # distortion of a match with a bound
 
 
 def is_registered(residual: float, first: float) -> bool:
@@ -221,10 +221,7 @@ class _Case:
         return self._verdict(found.outcome, found.cause, **found.details)
 
     def of_landmarks(self) -> Verdict | None:
-        """Return a verdict if landmarks miss their targets by more than the goal allows.
-
-        None if there are no landmarks, or if all reach their targets.
-        """
+        """Return a verdict if landmarks miss their targets by more than the goal; else None."""
         if self.evidence.landmarks is None:
             return None
         goal, errors = self.parameters.goal, self.evidence.landmarks[1]
@@ -247,8 +244,7 @@ class _Case:
     def registered(self) -> Verdict | None:
         """Return the verdict registered if measured functions match as closely as the data allow.
 
-        None for other functions, larger residuals or interrupted runs, and if the match is within
-        the goal.
+        None for other functions, interrupted runs, large residuals, and matches within the goal.
         """
         evidence = self.evidence
         is_sound = self.is_verified and self.has_improved and not evidence.folded > FOLDED_SHARE_MAX
@@ -260,10 +256,10 @@ class _Case:
         return self._verdict(Outcome.REGISTERED, Cause.LIMIT_OF_DATA if is_chosen else Cause.NONE)
 
     def unconfirmed(self) -> Verdict | None:
-        """Return the verdict not reached if flow lines do not confirm a small residual.
+        """Return the verdict not reached if only the residual of the discrete flow is small.
 
-        The small residual is that of the discrete flow. None if it is large, or if flow lines
-        confirm it. If flow lines are unknown, a large share of folded faces has the same effect.
+        The residual along flow lines is then large. If it is unknown, a large share of folded faces
+        has the same effect. Otherwise return None.
         """
         folded = self.evidence.folded
         if self.residual > RESIDUAL_NEARLY:
@@ -312,7 +308,6 @@ class _Case:
         return self._verdict(Outcome.NEARLY, Cause.NONE, closer)
 
     def not_reached(self) -> Verdict:
-        """Return the verdict not reached, with the cause of the large residual."""
         evidence, remedies = self.evidence, self.remedies
         hardly_began = (
             evidence.stop_reason is StopReason.ITERATION_LIMIT
@@ -374,7 +369,7 @@ class _Case:
         return change
 
     def _with_landmarks(self, change: str) -> str:
-        """Append landmark errors to ``change``; return only these if no functions are matched."""
+        """Append landmark errors to ``change``; omit ``change`` if only landmarks are matched."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])
@@ -439,7 +434,7 @@ class _Case:
     def _is_cut_short(self) -> bool:
         """Return whether the run was interrupted, or reached its limit while its energy still fell.
 
-        False if the source was squeezed, because more iterations would not help then.
+        False if the source was squeezed, because more iterations would not help.
         """
         energies, reason = self.evidence.energies, self.evidence.stop_reason
         if reason not in _LIMIT_REASONS or self.squeezed:
@@ -451,8 +446,8 @@ class _Case:
     def _more_consistent(self) -> list[Remedy]:
         """Return remedies that are likely to make flow lines confirm the match.
 
-        Remedies that are followed one after the other do not undo each other. Each makes the mesh
-        finer, the field smoother (up to the default), or sigma smaller.
+        Each makes the mesh finer, the field smoother (up to the default), or sigma smaller.
+        Remedies that are applied one after the other do not undo each other.
         """
         return [
             found

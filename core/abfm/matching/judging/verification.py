@@ -59,7 +59,10 @@ class Verification:
 
     @property
     def checks_disagree(self) -> bool:
-        """Whether the two residuals differ by more than 0.05 and a factor of 2 (rough fields)."""
+        """Whether `flow_lines` and `subdivided` differ by more than 0.05 and a factor of 2.
+
+        This is typical of rough fields.
+        """
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
         return bool(most - least > _DIFFERENCE_MAX and most > _RATIO_MAX * least)
 

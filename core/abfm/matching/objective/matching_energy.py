@@ -41,13 +41,12 @@ class Evaluation:
     regularity: float
     term_energies: tuple[float, ...]  # energy of each data term
     advected: FloatArray  # the sources of all data terms at tau, (C, V)
-    differentiate: Callable[[], FloatArray]  # the gradient; slower after the next evaluation
+    differentiate: Callable[[], FloatArray]  # returns the gradient; fast until the next evaluation
     # errors of landmarks, (L,); None without landmarks, or if the flow overflows
     landmark_errors: FloatArray | None = None
 
     @property
     def mismatch(self) -> float:
-        """The energy of all data terms (without the regularity)."""
         return float(sum(self.term_energies))
 
     @cached_property
@@ -128,7 +127,7 @@ class Bracket:
         return total
 
     def _integral(self, v: FloatArray, sources: FloatArray, dt: float) -> FloatArray:
-        """Return the derivative by ``v`` (F, 2): the sums, integrated over k intervals."""
+        """Return the derivative by ``v`` (F, 2) from the sums over r, by integration over s."""
         bracket = Matrix(lie_bracket(self.mesh, v).T.tocsr())
         total = term = sources
         for _ in range(self.quadrature):
@@ -312,7 +311,6 @@ class MatchingEnergy:
         )
 
     def flow(self, x: FloatArray) -> Advection:
-        """Return the flow of frame coefficients (N, F, 2)."""
         return self.discretisation.flow(x, self.parameters.tau)
 
     def clustered(self) -> MatchingEnergy:
@@ -354,7 +352,6 @@ class MatchingEnergy:
         return self._measures[reach]
 
     def residual(self, advected: FloatArray) -> float:
-        """Return the residual of the advected sources (C, V) of all data terms."""
         return self.terms.residual(advected)
 
     def landmark_misfit(self, sigma: float) -> Callable[[FloatArray], LandmarkMisfit] | None:

@@ -52,7 +52,7 @@ class Regularizer:
         self._edges, self._vertices = mesh.face_edges, mesh.faces
         self._slopes = self._gradients, self._edges, self._vertices
         self._inner = ~mesh.is_boundary_vertex
-        # alpha times the squared ratio of the gradients to those of hat functions
+        # weights of divergence and curl; edge functions have twice the gradients of hat functions
         self._alphas = 4 * divergence * alpha, alpha
         of_edges, of_vertices = self._alphas
         masses = self._definite(shapes.vertex_areas, self._vertices, of_vertices)
@@ -96,7 +96,6 @@ class Regularizer:
         return other
 
     def apply(self, v: FloatArray) -> FloatArray:
-        """Return ``R v`` for a field (F, 2)."""
         momentum = self._apply_once(v)
         for _ in range(self.order - 1):
             momentum = self._apply_once(momentum / self._areas[:, None])

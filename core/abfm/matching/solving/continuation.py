@@ -6,9 +6,10 @@ result, or plans the next sweep. A sweep is a list of values of sigma on one lev
 state determines the plan:
 
 1. Search: on the coarsest mesh, sigma falls until both checks confirm the goal, or until held-out
-   patches no longer improve. If the first variant fails, a second one follows.
+   patches no longer improve. If this fails, it is tried with another alpha or number of fields.
 2. Interpolation: for measured functions, sigma is interpolated between two steps.
-3. Prolongation: the best step is continued on the mesh of the problem, with clusters of vertices.
+3. Prolongation: the best step is continued on the mesh of the problem. Clusters of vertices make
+   this cheaper if the mesh has thin triangles.
 4. Exact: the result is continued without clusters, if these change it.
 5. Refinement: the mesh is subdivided, and the continuation returns to 3.
 """
@@ -69,11 +70,11 @@ class Sweep:
 
     level: int
     sigmas: tuple[float, ...]  # remaining values of sigma
-    at: FloatArray | Evaluation | None = None  # first fields (N, F, 2), by default of origin
-    origin: StepResult | None = None  # coarser step whose score the results get
-    reach: float = 0.0  # reach of the next stage; 0 once the target is found
+    at: FloatArray | Evaluation | None = None  # initial fields (N, F, 2); None: of ``origin``
+    origin: StepResult | None = None  # coarser step to continue; results have its score
+    reach: float = 0.0  # reach of the search; 0 once the target is found
     held_out: HeldOut | None = None
-    after: tuple[StepResult, ...] = ()  # steps of the path after those of the sweep
+    after: tuple[StepResult, ...] = ()  # later steps of the path, not part of the sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +84,9 @@ class State:
     levels: Levels
     schedule: Schedule
     record: Record
-    # results without an iteration: fields (N, F, 2) and advected functions (C, V)
+    # results without an iteration: zero fields or a start (N, F, 2), and advected functions (C, V)
     at_rest: tuple[tuple[FloatArray, FloatArray], ...]
-    variants: tuple[Variant, ...]  # the variants that the search tries, in this order
+    variants: tuple[Variant, ...]  # to be tried in this order
     variant: Variant
     phase: Phase
     start: FloatArray  # fields (N, F, 2) at which the search begins
@@ -132,7 +133,7 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state: it continues the start of the problem if usable, else it searches."""
+    """Return the first state: it continues a usable start of the problem, or it searches."""
     p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
     at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
@@ -182,7 +183,7 @@ def terminate(state: State) -> bool:
 
 
 def step(state: State) -> State:
-    """Minimise the energy for the next sigma, end the sweep, or plan the next sweep."""
+    """Minimise the energy for the next sigma, end the sweep, or plan the next one."""
     if state.sweep is None:
         return _PLANS[state.phase](state)
     return _minimised(state, state.sweep) if state.sweep.sigmas else _ended(state, state.sweep)
@@ -225,7 +226,7 @@ def _minimised(state: State, sweep: Sweep) -> State:
 
 
 def _ended(state: State, sweep: Sweep) -> State:
-    """Return the state after a sweep, with its best step corrected; the next plan follows."""
+    """Return the state after a sweep, with its best step corrected."""
     state = _corrected(state, sweep.level)
     state = replace(state, sweep=None, path=(*state.path, *sweep.after))
     if state.phase is Phase.SEARCH:
@@ -274,7 +275,7 @@ def _defect(levels: Levels, result: StepResult) -> FloatArray:
 
 
 def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
-    """Measure a step by both checks (discrete flow and flow lines) and return its result."""
+    """Return the result of a step, measured by both checks (discrete flow and flow lines)."""
     levels, x = state.levels, point.x
     energy = levels.exact_energy(stage.level)
     is_exact = levels.exact(stage.level) == stage.level
@@ -347,7 +348,7 @@ def _value(state: State, path: Sequence[StepResult]) -> float:
 def _finest(state: State) -> list[int]:
     """Return the indices of the steps on the finest mesh so far.
 
-    Steps on meshes coarser than the mesh of the problem do not count, so the list may be empty.
+    Steps on meshes coarser than that of the problem do not count, so the list may be empty.
     """
     finest = max((result.stage.level for result in state.path), default=0)
     least = state.levels.cheapest(max(finest, state.levels.mesh_level))
@@ -355,7 +356,6 @@ def _finest(state: State) -> list[int]:
 
 
 def _end(state: State) -> int:
-    """Return the index of the best step on the finest mesh."""
     finest = _finest(state)
     return finest[_best(state, [state.path[i] for i in finest])]
 
@@ -363,8 +363,7 @@ def _end(state: State) -> int:
 def _search(state: State) -> State:
     """Plan a path with the next variant, or select the best path.
 
-    A path is selected if all variants were tried, or if the residual of the latest one is small
-    enough.
+    A path is selected if all variants were tried, or if the latest residual is small enough.
     """
     schedule, number, reach = state.schedule, len(state.tried), state.schedule.first_reach
     is_enough = False
@@ -391,8 +390,7 @@ def _search(state: State) -> State:
 def _interpolation(state: State) -> State:
     """Add a step to the path, with sigma interpolated between the best step and its neighbours.
 
-    The path does not change without a minimum of the score between the neighbours, or after too
-    many iterations.
+    The path does not change if the score has no minimum between them, or after too many iterations.
     """
     state = replace(state, phase=Phase.PROLONGATION)
     index, levels = _best(state, state.path), state.levels
@@ -418,10 +416,10 @@ def _interpolation(state: State) -> State:
 
 
 def _prolongation(state: State) -> State:
-    """Plan to continue the best step on the finest mesh, if it is on a coarser one.
+    """Plan to continue the best step on the finest mesh, unless it is there already.
 
-    Clusters of vertices are used if they are cheaper. For measured functions, only the sigma of
-    this step is minimised there; otherwise, smaller ones follow.
+    For measured functions, only the sigma of this step is minimised there; otherwise, smaller ones
+    follow.
     """
     state, top = replace(state, phase=Phase.EXACT), state.levels.cheapest(len(state.levels) - 1)
     if state.path[-1].stage.level >= top:
@@ -433,10 +431,10 @@ def _prolongation(state: State) -> State:
 
 
 def _exact(state: State) -> State:
-    """Plan to continue the best step without clusters of vertices.
+    """Plan to continue the best step without clusters of vertices, unless they have little effect.
 
-    Nothing is planned if the step has no clusters, or if its residual is within the goal. After
-    defect corrections, the residual of the discrete flow also has to exceed that of flow lines.
+    They have little effect if the residual is within the goal. After defect corrections, they also
+    have if the residual of the discrete flow is at most that of flow lines.
     """
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual
@@ -478,7 +476,7 @@ def _refinement(state: State) -> State:
     levels, result = levels.clustered(), state.path[_end(state)]
     progress, first = state.progress, levels.cheapest(len(levels) - 1)
     x = levels.fields_on(first, result.x, result.stage.level)
-    # costs of some iterations, and of one flow without clusters, expensive due to slivers
+    # the effort has to allow some iterations, and one evaluation without clusters
     costs = SETTINGS.refinement_iterations_min * levels[first].cost(x), levels[-1].cost(x)
     effort_max = np.inf if is_requested else SETTINGS.refinement_effort_max
     if progress.effort + max(costs) > effort_max:
@@ -494,7 +492,7 @@ def _refinement(state: State) -> State:
 
 
 def _may_refine(state: State) -> bool:
-    """Return whether a finer mesh may reduce the larger one of the residuals of the two checks."""
+    """Return whether a finer mesh may reduce the larger residual of the two checks."""
     p, schedule, finest = state.energy.parameters, state.schedule, state.levels.all[-1].energy
     if p.refine == 0 or not p.solver.iterations or schedule.is_fixed or not _finest(state):
         return False
@@ -505,7 +503,7 @@ def _may_refine(state: State) -> bool:
     if p.refine is not None:
         return True
     count = len(finest.mesh.vertices) + len(finest.mesh.edges)
-    # a nearly matched result may be matched by smoother fields
+    # after all iterations, a finer mesh is only worthwhile for a nearly matched result
     is_vain = result.worse > RESIDUAL_NEARLY and len(state.record.history) > p.solver.iterations
     is_fine = count > SETTINGS.refined_vertices_max
     ends = schedule.is_measured or schedule.has_given_sigma
@@ -513,10 +511,9 @@ def _may_refine(state: State) -> bool:
 
 
 def _is_resolved(levels: Levels, result: StepResult) -> bool:
-    """Return whether a finer mesh would not reduce the residual of a step.
+    """Return whether the mesh resolves the functions, so that a finer one would not help.
 
-    True if the mesh resolves the features of the functions, and the match nevertheless fails. The
-    discrete flow then has a large residual, or the peaks of the functions differ.
+    The match nevertheless fails: the discrete flow has a large residual, or the peaks differ.
     """
     functions = levels[result.stage.level].energy.functions
     if not result.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLUTION_MIN:
@@ -536,8 +533,7 @@ _PLANS = {
 def finish(state: State, interruption: StopReason | None = None) -> Solution:
     """Return the solution: the best step, unless no motion and the start are both better.
 
-    If both have a smaller residual, the solution is the better of these two. ``interruption`` is
-    the stop reason of an interrupted run.
+    Then it is the better of these two. ``interruption`` is the stop reason of an interrupted run.
     """
     if interruption is not None:
         state = replace(state, path=_with_latest(state))

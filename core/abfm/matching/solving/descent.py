@@ -49,7 +49,7 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """The state of a descent; the attributes up to ``at_limit`` do not change."""
+    """The state of a descent; attributes up to ``at_limit`` are constant."""
 
     levels: Levels
     stage: Stage
@@ -127,10 +127,7 @@ def init(
 
 
 def step(descent: Descent) -> Descent:
-    """Return the state after one iteration.
-
-    If the line search fails, the best fields of the descent do not change.
-    """
+    """Return the state after one iteration; if the line search fails, the fields do not change."""
     current, search, stage, record = descent.current, descent.search, descent.stage, descent.record
     energy, progress = descent.level.energy, descent.progress
     has_landmarks = energy.landmarks is not None and not energy.is_of_landmarks
@@ -159,7 +156,7 @@ def step(descent: Descent) -> Descent:
 
 
 def terminate(descent: Descent) -> StopReason | None:
-    """Return the reason why the descent ends at this iterate; None if it continues."""
+    """Return the reason why the descent ends at this iterate, or None."""
     if len(descent.record.history) > descent.until:
         return descent.at_limit
     if (reason := descent.search.stop_reason(descent.current)) is not None:
@@ -174,8 +171,7 @@ def terminate(descent: Descent) -> StopReason | None:
 def finish(descent: Descent, reason: StopReason) -> Progress:
     """Return the progress after a descent, with the iterate of least energy.
 
-    The iterate of least energy may not be the last one, as a search for landmarks can also raise
-    the energy.
+    It may not be the last one, as a search for landmarks can also raise the energy.
     """
     best, least, record = descent.progress.point, descent.least, descent.record
     best = least if least.energy < best.energy else best
@@ -186,10 +182,7 @@ def finish(descent: Descent, reason: StopReason) -> Progress:
 def _first(
     search: Any, stage: Stage, point: Evaluation, last_iterate: Any, before: Stage | None
 ) -> Any:
-    """Return the first iterate of a search.
-
-    It reuses the curvature of ``last_iterate`` if that is still valid after the stage ``before``.
-    """
+    """Return the first iterate; it reuses the curvature of ``last_iterate`` if that is valid."""
     if before is None or not stage.continues(before):
         return search.init(point.x, point)
     return search.init(point.x, point, last_iterate, stage.curvature_ratio(before))
@@ -237,7 +230,7 @@ def prolonged_without_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """Transfer the fields of a coarser level; return them with the functions that they advect.
 
-    Unlike `prolonged`, this function computes no gradient, which saves memory.
+    Unlike `prolonged`, it computes no gradient, which saves memory.
     """
     energy = levels[level].energy
 
@@ -312,10 +305,10 @@ def minimise_fold(
 ) -> Any:
     """Minimise the energy of one stage in a cross-validation fold, from fields ``x`` (N, F, 2).
 
-    Return the last iterate of the search. The search reuses the L-BFGS pairs of ``last_iterate`` if
-    they are still valid after the stage ``before``. It stops when the energy falls by less than a
-    fifth within four iterations. This is less accurate than `minimise`, and changes the selected
-    sigma by a few percent.
+    Return the last iterate. The search reuses the L-BFGS pairs of ``last_iterate`` if they are
+    still valid after the stage ``before``. It ends when the energy falls by less than a fifth
+    within four iterations. Compared with `minimise`, this changes the selected sigma by a few
+    percent.
     """
     search: Any = search_of(energy, stage, at=x)
     current = _first(search, stage, search.evaluate(x), last_iterate, before)

@@ -92,8 +92,8 @@ class Fold(NamedTuple):
 
     energy: MatchingEnergy
     hidden: FloatArray  # mask (V,) of the patches of the fold
-    fields: FloatArray  # fields (N, F, 2) after the latest stage
-    last_iterate: Any = None  # the latest iterate of the search
+    fields: FloatArray  # (N, F, 2), after the latest stage
+    last_iterate: Any = None
     before: Stage | None = None
 
     def minimise(self, stages: Sequence[Stage]) -> "Fold":
@@ -104,13 +104,12 @@ class Fold(NamedTuple):
         return self._replace(fields=fields, last_iterate=last_iterate, before=before)
 
     def advected(self) -> FloatArray:
-        """Return the source (C, V), advected by the discrete flow."""
         return self.energy.advected(self.fields)[: len(self.energy.functions.source)]
 
     def along_flow_lines(self) -> FloatArray:
         """Return the source (C, V), advected along flow lines on the held-out patches only.
 
-        All values are NaN if flow lines cross too many faces.
+        It is NaN if flow lines cross too many faces.
         """
         try:
             return advect_along_flow_lines(self.energy, self.fields, self.hidden > 0)
@@ -126,7 +125,7 @@ class HeldOut(NamedTuple):
 
     @classmethod
     def at(cls, energy: MatchingEnergy, start: FloatArray) -> "HeldOut":
-        """Return the cross-validation before the first step, with all folds at fields (N, F, 2)."""
+        """Return the cross-validation at the initial fields (N, F, 2)."""
         return cls(energy, tuple(Fold(*fold, start) for fold in fold_energies(energy)))
 
     @property
@@ -140,19 +139,18 @@ class HeldOut(NamedTuple):
     def score(self, log2_area: float) -> Score:
         """Return the score of the latest step; smaller is better.
 
-        ``log2_area`` is the mean ``|log2 J|`` of the map of the step. The score uses the residual
-        along flow lines, because the discrete flow lags behind the exact one. Fields of a small
-        sigma compensate for this lag, even where they are not fitted. With the discrete flow, the
-        selected sigma would therefore be too small. However, flow lines interpolate, which lowers
-        the residual of noise. Whether a field improves anything is therefore decided by the
-        discrete flow.
+        ``log2_area`` is the mean ``|log2 J|`` of the map of the step. The score uses flow lines,
+        because the discrete flow lags behind the exact one. Fields of a small sigma compensate for
+        this lag, even where they are not fitted, so the discrete flow would select a too small
+        sigma. However, flow lines interpolate, which lowers the residual of noise. Whether a field
+        improves anything is therefore decided by the discrete flow.
         """
         discrete = self._residual([fold.advected() for fold in self.folds])
         flow_lines = self._residual([fold.along_flow_lines() for fold in self.folds])
         return Score(flow_lines + SETTINGS.area_weight * log2_area, discrete, self.unmoved)
 
     def _residual(self, advected: Sequence[FloatArray]) -> float:
-        """Return the root mean square, over all folds, of the residuals on their held-out patches.
+        """Return the root mean square, over all folds, of the residuals on held-out patches.
 
         ``advected`` has the advected source (C, V) of each fold.
         """

@@ -1,7 +1,7 @@
 """The levels of a match: energies on meshes from coarse to fine, and transfers between them.
 
-Thin triangles can dominate the cost of an evaluation. Such a mesh has two levels. In the first one,
-the vertices of these triangles form clusters (`abfm.flow.clusters`); the second has none.
+Thin triangles can dominate the cost of an evaluation. A mesh with such triangles has two levels. In
+the first one, their vertices form clusters (`abfm.flow.clusters`); the second has none.
 """
 
 import threading
@@ -30,7 +30,7 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_WAIT_SECONDS = 0.05  # time between two tests whether another thread has made a mesh
+_WAIT_SECONDS = 0.05  # interval of cancellation checks while another thread makes a mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Transfer:
     fine: TriangleMesh
 
     def prepare(self) -> None:
-        """Find the closest points of both meshes now instead of at the first transfer."""
+        """Find the closest points now instead of at the first transfer."""
         _ = self.interpolation, self._covered, self._to_coarse
 
     @cached_property
@@ -155,7 +155,6 @@ class Level:
     cheaper: MatchingEnergy | None = None
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
-        """Return fields as frame coefficients (N, F, 2) on the next finer mesh."""
         if self.to_finer is None:
             return x
         fields = to_ambient(self.energy.mesh, x)
@@ -164,10 +163,7 @@ class Level:
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Transfer fields (N, F, 3) on the next finer mesh to this mesh; return coefficients.
-
-        The coefficients have the shape (N, F, 2). The finer mesh has unit area.
-        """
+        """Transfer fields (N, F, 3) of the next finer mesh, of unit area, to (N, F, 2)."""
         if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
@@ -177,10 +173,9 @@ class Level:
         return functions if self.to_finer is None else self.to_finer.function_to_fine(functions)
 
     def affordable_iterations(self, iterations: int, x: FloatArray) -> int:
-        """Return how many iterations are affordable if this level has no clusters of vertices.
+        """Return a number of iterations, reduced if clusters of vertices make them much cheaper.
 
-        These iterations cost at most a constant factor more than ``iterations`` iterations with
-        clusters.
+        They cost at most a constant factor more than ``iterations`` iterations with clusters.
         """
         if self.cheaper is None:
             return iterations
@@ -215,20 +210,15 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the same mesh as ``level``.
-
-        If the mesh has thin triangles, this level has clusters of vertices, so its energy is
-        cheaper.
-        """
+        """Return the first level on the mesh of ``level``; it has clusters of vertices, if any."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
-        """Return the last level on the same mesh as ``level``; it has no clusters of vertices."""
+        """Return the last level on the mesh of ``level``; it has no clusters of vertices."""
         is_clustered = level + 1 < len(self) and self[level + 1].cheaper is not None
         return level + is_clustered
 
     def exact_energy(self, level: int) -> MatchingEnergy:
-        """Return the energy, without clusters of vertices, on the mesh of a level."""
         return self[self.exact(level)].energy
 
     def fields_on(self, level: int, x: FloatArray, origin: int) -> FloatArray:
@@ -240,8 +230,8 @@ class Levels:
     def error(self, level: int) -> float:
         """Return the discretisation error of source and target on a level, as a residual.
 
-        Source and target are averaged on the level and interpolated back. The larger relative
-        difference is the error; it is 0 on the mesh itself.
+        It is the difference from the functions that are averaged on the level and interpolated
+        back.
         """
         if level >= self.mesh_level:
             return 0.0
@@ -254,17 +244,14 @@ class Levels:
         return max(errors)
 
     def attainable(self, goal: float) -> float:
-        """Return ``goal``, or the least residual that any flow can have if that is larger.
-
-        A goal of 0 stays 0.
-        """
+        """Return ``goal`` or, if larger, the least residual of any flow; 0 if ``goal`` is 0."""
         return max(goal, range_bound(self[self.mesh_level].energy.functions)) if goal else 0.0
 
     def with_coarser(self) -> "Levels":
         """Return the levels preceded by levels on coarser meshes.
 
-        Their number is that of the parameter ``levels``. If this is 0, it depends on the mesh size
-        and on the width of the features of the functions.
+        Their number is the parameter ``levels``. If this is 0, it depends on the size of the mesh
+        and on the width of the features.
         """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
@@ -297,10 +284,7 @@ class Levels:
         return replace(self, all=(*self.all[:-1], coarse, finer))
 
     def clustered(self) -> "Levels":
-        """Return the levels with another one, with clusters of vertices, before the finest level.
-
-        The levels do not change if the mesh needs no clusters, or if the parameters exclude them.
-        """
+        """Return the levels with one with clusters of vertices before the last one, if useful."""
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 
@@ -316,10 +300,7 @@ def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
-    """Make and cache the coarser meshes of a match in advance.
-
-    A match in another thread waits until these meshes are made.
-    """
+    """Make and cache the coarser meshes of a match; a match in another thread waits for them."""
     fine = mesh.normalized()
     with step("making coarser meshes", len(fine.vertices)):
         for count in _vertex_counts(fine, parameters):

@@ -20,7 +20,7 @@ from abfm.workers.control import checkpoint
 
 _DECREASE_SHARE = 1e-4  # sufficient decrease, relative to the prediction of the slope
 _TRIALS_MAX = 6
-_RISE_SHARE_MAX = 0.5  # largest rise of the energy, if no step length lowers it
+_RISE_SHARE_MAX = 0.5  # largest accepted rise, relative to the energy
 _ROUNDING_SHARE = 1e-16  # rounding errors of the energy, relative to it
 # usual errors of the predicted position of a landmark: in sqrt(area), and relative to its motion
 _ERROR_USUAL = 0.01
@@ -36,7 +36,7 @@ class Iterate:
     x: FloatArray
     point: Evaluation
     trust: FloatArray | float = 1.0  # weights of the derivatives of the landmarks, (L,), 0 to 1
-    predicted: float = np.inf  # decrease that the last step predicted
+    predicted: float = np.inf  # decrease of the energy that the last step predicted
     failed: bool = False
 
 
@@ -61,10 +61,7 @@ class GaussNewton:
         before: object = None,
         steeper: float = 1.0,
     ) -> Iterate:
-        """Return the first iterate of the search, at fields ``x``.
-
-        The arguments ``before`` and ``steeper``, which `LBFGS` needs, have no effect.
-        """
+        """Return the first iterate; arguments that only `LBFGS` needs have no effect."""
         point = self.evaluate(x) if point is None else point
         return Iterate(x, point)
 
@@ -98,8 +95,8 @@ class GaussNewton:
 def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
     """Return weights (L,) of landmarks, smaller for those that did not move as predicted.
 
-    ``errors`` (L,) are measured after the step. ``away`` (L, 2) are the residuals before the step,
-    and ``moved`` (L, 2) is the predicted motion.
+    ``errors`` (L,) are measured after the step, and ``away`` (L, 2) are the residuals before it.
+    The predicted motion is ``moved`` (L, 2).
     """
     expected = np.linalg.norm(away + moved, axis=1)
     usual = np.maximum(_ERROR_USUAL, _ERROR_SHARE * np.linalg.norm(moved, axis=1))

@@ -43,10 +43,7 @@ class StopReason(StrEnum):
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
-    """Return a warning if the source of a running match vanishes or hardly moves; else None.
-
-    The warning is one line without a full stop.
-    """
+    """Return a warning if the source of a running match vanishes or hardly moves, or None."""
     if functions.residual(advected) <= RESIDUAL_NEARLY:
         return None
     if vanished(functions, advected):
@@ -73,7 +70,7 @@ class View(Protocol):
 class Score(NamedTuple):
     """The cross-validation score of a step, see `held_out`; NaN if no patches were held out."""
 
-    value: float = math.nan  # score; smaller is better
+    value: float = math.nan  # smaller is better
     held_out: float = math.nan  # residual of the held-out patches
     unmoved: float = math.nan  # residual of the held-out patches without motion
 
@@ -110,7 +107,6 @@ class StepResult:
 
     @property
     def verified_residual(self) -> float:
-        """The residual along flow lines; NaN if it is unknown."""
         return self.measures.get("verified_residual", math.nan)
 
     @property
@@ -162,7 +158,7 @@ class IterateView:
 
     x: FloatArray  # frame coefficients (N, F, 2)
     level_advected: FloatArray  # the advected source on the mesh of the level, (C, V)
-    levels: tuple[Level, ...]  # from the iterate's to that of ``mesh``; one if it is finer
+    levels: tuple[Level, ...]  # from the level of the iterate to that of ``mesh``
     mesh: TriangleMesh  # the mesh of the problem, scaled to unit area
     iteration: int
     is_provisional: bool  # whether other variants or smaller sigmas follow
@@ -199,9 +195,9 @@ class Record:
         self.evaluations = 0
         # level and evaluation of the latest fields of this variant
         self.latest: tuple[int, Evaluation] | None = None
-        self.last_iterate: Any = None  # iterate of a search, with its L-BFGS pairs
+        self.last_iterate: Any = None  # has the L-BFGS pairs of the search
         self.path: tuple[PathStep, ...] = ()  # the steps of this variant so far
-        self.is_provisional = False  # whether other variants or smaller sigmas follow
+        self.is_provisional = False  # see `IterateView`
         self.is_calling = False  # whether the callback runs, or has raised an error
         self._level: int | None = None  # level of the latest iterate
         self._on_iteration = on_iteration
@@ -222,7 +218,6 @@ class Record:
             self.add(levels, stage, point)
 
     def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
-        """Record an iterate and pass it to the callback ``on_iteration``."""
         self.latest, self._level = (stage.level, point), stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)

@@ -15,25 +15,21 @@ _STEP_ROUNDING = 1e-9  # rounding errors of a number of steps
 
 
 class Variant(NamedTuple):
-    """Alpha and the number of fields, which all steps of a path have in common."""
+    """Alpha and the number of consecutive fields, which all steps of a path have in common."""
 
     alpha: float
-    fields: int  # number of consecutive fields
+    fields: int
 
 
 @dataclass(frozen=True)
 class Stage:
-    """The minimisation of the energy for one sigma on one level.
-
-    If ``reach`` is 0, functions are compared by the norm of the parameters, else by a smoothed
-    norm.
-    """
+    """The minimisation of the energy for one sigma on one level."""
 
     level: int  # number of the mesh, from 0 for the coarsest one
     fields: int  # number of consecutive fields
     sigma: float
     alpha: float
-    reach: float
+    reach: float  # if above 0, functions are compared in a norm smoothed over this distance
     iterations: int  # largest number of iterations of this stage
     until: int  # largest total number of iterations up to the end of this stage
     fixed: bool  # whether the stage uses all its iterations
@@ -55,7 +51,7 @@ class Stage:
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def curvature_ratio(self, before: "Stage") -> float:
-        """Return the curvature of the energy in this stage, divided by that in the stage before."""
+        """Return the ratio of the energy's curvature in this stage to that in the stage before."""
         if self.sigma == before.sigma:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
@@ -63,8 +59,8 @@ class Stage:
     def is_worthwhile(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
         """Return whether to continue a stage after iterates with these energies and residuals.
 
-        The energy has to fall. Once a search has found the target, the residual also has to fall.
-        The energy of a search compares functions over a distance, which no longer matters then.
+        The energy has to fall. Once a search has found the target, the residual also has to fall,
+        as the energy of a search compares functions over a distance.
         """
         if self.fixed:
             return True
@@ -77,10 +73,7 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share ``by`` within the last ``within`` iterations.
-
-    True also if there are too few values to compare.
-    """
+    """Return whether values fell by a share ``by`` in the last ``within`` steps, if so many."""
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
@@ -112,7 +105,7 @@ class Schedule:
 
     @property
     def has_given_end(self) -> bool:
-        """Whether the last step of the path is always the result, even if another is better."""
+        """Whether the last step of the path is the result, even if another is better."""
         return self.has_given_sigma or self.is_fixed
 
     def variants(self, fields: int) -> list[Variant]:
@@ -139,8 +132,7 @@ class Schedule:
     def reach(self, residual: float) -> float:
         """Return the reach of the next variant, after a variant with this residual.
 
-        It is the largest reach if the residual shows that the target was missed, else that of the
-        parameters.
+        If the residual shows that the target was missed, it is the largest reach.
         """
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach
@@ -155,9 +147,9 @@ class Schedule:
         """Return the stage that minimises the energy for a sigma on a level.
 
         ``error`` is the discretisation error of the level, as a residual. If the user gives sigma,
-        its result on a coarse level is only a start for the mesh itself. The stage then ends at the
-        discretisation error, because a smaller residual on the coarse mesh has no meaning on the
-        mesh itself. A search also ends if the residual stalls.
+        its result on a coarse level is only a start for the mesh itself. The stage then ends at
+        this error, as smaller residuals have no meaning on the mesh itself. A search also ends if
+        the residual stalls.
         """
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._has_landmarks_only:

@@ -38,8 +38,8 @@ class ContinuationSettings:
     # largest share of all iterations on meshes coarser than the mesh itself. None of 67 problems is
     # matched less well, and runs with few iterations reach the mesh itself
     coarse_iteration_share: float = 0.75
-    # a correction needs a discrete residual of at most this multiple of the goal. Without the
-    # limit, a human body takes 781 iterations instead of 641, with the same result
+    # a defect correction needs a discrete residual of at most this multiple of the goal. Without
+    # the limit, a human body takes 781 iterations instead of 641, with the same result
     correction_factor_max: float = 1.6
 
     # number of vertices of the coarsest mesh, and ratio of the numbers of consecutive meshes: "From
@@ -67,7 +67,7 @@ class ContinuationSettings:
     # the finest mesh, and the matrix row products on all finer meshes (about a minute)
     refined_vertices_max: int = 60_000
     refinement_effort_max: float = 5e9
-    # iterations on a finer mesh that this effort has to allow
+    # number of iterations on a finer mesh that refinement_effort_max has to allow
     refinement_iterations_min: int = 20
 
     # a start with a larger residual misses the target, so that a search begins
@@ -83,7 +83,7 @@ class ContinuationSettings:
     advection_tolerance: float = 1e-7
     # number of iterations between two computations of the curvature of landmarks
     curvature_iterations: int = 10
-    # largest number of stored values of that curvature, because of memory
+    # largest number of stored values of the curvature of landmarks, because of memory
     curvature_size_max: float = 5e7
 
     # number of patches and of cross-validation folds of the surface. With 40 patches, the errors of
@@ -100,7 +100,7 @@ class ContinuationSettings:
     fold_fall_min: float = 0.2
     fold_iterations: int = 4
 
-    # number of vertices (of evenly spaced faces) from which flow lines start: "Verification"
+    # number of vertices from which flow lines start, on evenly spaced faces: "Verification"
     flow_line_vertices_max: int = 20_000
     # largest number of faces that are cut into parts to find folded ones; more would find no others
     cut_faces_max: int = 64

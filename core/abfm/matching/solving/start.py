@@ -45,8 +45,8 @@ def misses_target(energy: MatchingEnergy, start: FloatArray, advected: FloatArra
 def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, FloatArray] | None:
     """Return the levels up to the finer mesh on which a start is given, and its coefficients.
 
-    None if the start is not on a finer mesh, if the parameters exclude this mesh, or if the start
-    misses the target.
+    None if there is no such start, the parameters exclude this mesh, or the start misses the
+    target.
     """
     p, start = energy.parameters, energy.problem.fine_start
     times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)
@@ -65,8 +65,7 @@ def start_on_finer(energy: MatchingEnergy, levels: Levels) -> tuple[Levels, Floa
 def start_on_coarsest(levels: Levels, start: FloatArray | None, is_required: bool) -> FloatArray:
     """Return the initial fields (N, F, 2) on the coarsest level, from a start on the finest one.
 
-    The fields are zero without a start. They are also zero if the start is much worse than no
-    motion, unless it ``is_required``.
+    They are zero without a start, or if it is much worse than no motion and not ``is_required``.
     """
     energy = levels[0].energy
     rest = np.zeros(energy.shape)

@@ -101,7 +101,6 @@ class Sum:
     def energies_and_derivative(
         self, advected: FloatArray, sigma: float
     ) -> tuple[tuple[float, ...], FloatArray]:
-        """Return the energy of each term, and the derivative (C, V) of their sum."""
         parts = [
             measure.value_and_derivative(part, sigma)
             for measure, part in zip(self.measures, self.split(advected), strict=True)

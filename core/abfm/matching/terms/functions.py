@@ -98,8 +98,7 @@ class FunctionTerm:
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Return the energy in the norm of the parameter beta.
 
-        If ``reach`` is above 0, the norm is a smoothed one, which compares functions over this
-        distance.
+        If ``reach`` is above 0, a smoothed norm compares functions over this distance.
         """
         unit = self.function_size if parameters.paper.sigma_unit == "relative" else 1.0
         if reach:
@@ -126,7 +125,7 @@ class FunctionTerm:
         return self.norm(advected - self.target) / scale
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return the L2 norm of channels (C, V), divided by `varying_size`, that of the target."""
+        """Return the L2 norm of channels (C, V), divided by `varying_size`."""
         return self.norm(difference) / self.varying_size
 
     @cached_property

@@ -35,10 +35,7 @@ class LandmarkMisfit(NamedTuple):
 
 
 class LandmarkCurvature(NamedTuple):
-    """Factors of the derivatives of the landmark term, ``J^T D r`` and (second) ``J^T D J``.
-
-    The second derivative is an approximation.
-    """
+    """Factors of the derivative ``J^T D r`` and the approximate second derivative ``J^T D J``."""
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
     weights: FloatArray  # (2 L,), diagonal matrix D
@@ -67,17 +64,11 @@ class Landmarks:
         return {name: self.__dict__[name] for name in ("faces", "barycentric", "weights")}
 
     def points(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the landmarks as points.
-
-        ``mesh`` may be their mesh in another length unit; by default it has unit area.
-        """
+        """Return the landmarks as points; ``mesh`` may be their mesh in another length unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 0], self.barycentric[:, 0])
 
     def targets(self, mesh: TriangleMesh | None = None) -> SurfacePoints:
-        """Return the targets as points.
-
-        ``mesh`` may be their mesh in another length unit; by default it has unit area.
-        """
+        """Return the targets as points; ``mesh`` may be their mesh in another length unit."""
         return SurfacePoints(mesh or self.mesh, self.faces[:, 1], self.barycentric[:, 1])
 
     def misfit(self, x: FloatArray, tau: float, sigma: float) -> LandmarkMisfit:
@@ -167,8 +158,7 @@ def landmarks_of(
     """Return landmarks from the input of a user; None for None.
 
     The input has vertices (L, 2), or is a pair of SurfacePoints. Vertices are rows of the mesh or,
-    if ``as_file``, numbers of the file, which also counts vertices without faces. Raise
-    ParameterError if they do not fit the mesh, or if the two SurfacePoints differ in number.
+    if ``as_file``, numbers of the file, which also counts vertices without faces.
     """
     if given is None:
         if weights is not None:
@@ -209,10 +199,7 @@ def landmarks_of(
 
 
 def residual_of_errors(errors: FloatArray) -> float:
-    """Convert the largest of landmark errors (L,) to a residual.
-
-    The error `MATCHED_ERROR` gives the residual of the default goal.
-    """
+    """Convert the largest of landmark errors (L,) to a residual; see `MATCHED_ERROR`."""
     return float(errors.max()) * (_USUAL_GOAL / MATCHED_ERROR)
 
 

@@ -92,9 +92,9 @@ def propagate(
     first: IndexArray,
     distances: FloatArray,
 ) -> None:
-    """Propagate distances (V,) along the surface in place, from vertices with known distances.
+    """Propagate distances (V,) along the surface in place, from the vertices ``first``.
 
-    These vertices are ``first``; all other distances are infinite at the beginning.
+    Their distances are known; all others are infinite at the beginning.
     """
     starts, slots = around
     front = [(distances[v], v) for v in first]
@@ -124,10 +124,10 @@ def propagate(
 def unfolded_distance(a: float, b: float, side_a: float, side_b: float, edge: float) -> float:
     """Return the length of the straight line from a point to the third corner of a face.
 
-    The faces on the way are unfolded into a plane. The line crosses the edge between the other two
-    corners, which has length ``edge``. These corners have distances a and b to the point, and
-    ``side_a`` and ``side_b`` to the third corner. The result is infinite if the straight line
-    misses the edge.
+    It is straight after unfolding the faces that it crosses into a plane. It crosses the edge
+    between the other two corners, which has length ``edge``. These corners have distances a and b
+    to the point, and ``side_a`` and ``side_b`` to the third corner. The result is infinite if the
+    line misses the edge.
     """
     x = (a * a - b * b + edge * edge) / (2 * edge)
     depth = math.sqrt(max(a * a - x * x, 0.0))
