@@ -1,5 +1,3 @@
-"""The distribution, the structure of the packages, the start script, and imports."""
-
 import ast
 import json
 import os
@@ -260,13 +258,12 @@ def stamp_installed(project):
     ],
 )
 def test_run_opens_the_app_or_the_demo(project, tmp_path, screen, words, expected):
-    """`./run` opens the app, or the demo if there is no screen."""
     done = run(project / "run", *words, cwd=tmp_path, env=NO_SCREEN | screen)
     assert (done.returncode, done.stdout) == (0, expected)
 
 
 def test_run_can_test_the_oldest_versions(project):
-    """The Python of the environment prints its arguments, and whether versions are constrained."""
+    """A program in place of Python prints its arguments, and whether versions are constrained."""
     programs = project / ".venv-oldest" / "bin"
     programs.mkdir(parents=True)
     program(programs / "python", 'echo "${UV_CONSTRAINT:+constrained: }$*"')

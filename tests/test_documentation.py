@@ -1,5 +1,3 @@
-"""README, citation file and pages of the documentation site."""
-
 import doctest
 import re
 import runpy

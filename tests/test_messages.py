@@ -1,5 +1,3 @@
-"""Comparison of messages with their snapshot: names, masks, and updates."""
-
 from types import SimpleNamespace
 
 import pytest

@@ -653,7 +653,7 @@ def test_texts_without_encoding_are_found(code, without):
 
 
 def test_texts_are_opened_with_an_encoding(sources):
-    """The default of Windows is the encoding of the country."""
+    """On Windows, the default encoding depends on the country."""
     openings = {path: source.openings for path, source in sources.items() if source.openings}
     assert openings == {}
 
@@ -676,7 +676,7 @@ def test_plots_have_a_font_without_fonts_of_the_system(monkeypatch):
 
 
 def test_pictures_have_a_scalable_font():
-    """It is included in Pillow."""
+    """Pillow includes a scalable font."""
     heights = [ImageFont.load_default(size).getbbox("Ag")[3] for size in (10, 40)]
     assert heights[1] > 3 * heights[0]
 

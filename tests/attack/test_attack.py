@@ -99,7 +99,7 @@ def test_parts_make_a_table():
 
 @linux
 def test_monkey_finds_no_fault():
-    """Random actions find no fault; a separate process is used, as it can have only one backend."""
+    """A separate process is used, as polyscope allows only one backend in a process."""
     code = (
         "import random\n"
         "from tests.attack.monkey import Monkey\n"

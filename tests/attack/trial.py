@@ -12,4 +12,4 @@ class Trial(NamedTuple):
 
 
 class FaultError(AssertionError):
-    """A broken promise: the input and the result."""
+    """Raised for a broken promise, with the input and the result."""

@@ -1,5 +1,3 @@
-"""The benchmark of map errors: problems and report."""
-
 import json
 from dataclasses import replace
 from itertools import product

@@ -1,5 +1,3 @@
-"""Meshes of benchmarks from files and folders."""
-
 import pytest
 import trimesh
 

@@ -88,7 +88,6 @@ def test_gradient_is_the_printed_formula(substeps, as_printed):
 
 
 def test_omitted_factor_improves_the_gradient():
-    """With the factor that the printed form omits, the gradient's error is more than halved."""
     energy = MatchingEnergy(SPHERE, F, G, PARAMETERS.with_values(gradient="adjoint"))
     exact = energy.objective(PARAMETERS.sigma).evaluate(V[None]).gradient.ravel()
     printed, completed = (

@@ -1,5 +1,3 @@
-"""Benchmarks of speed on small meshes."""
-
 import json
 import statistics
 from math import isfinite

@@ -1,5 +1,3 @@
-"""The benchmark of success: problems, report and table."""
-
 import json
 from dataclasses import replace
 from itertools import product

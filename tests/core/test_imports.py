@@ -1,5 +1,3 @@
-"""Imports: public names, packages without slow dependencies, and examples of docstrings."""
-
 import doctest
 import inspect
 import json
@@ -99,7 +97,6 @@ def test_public_names_equal_the_list():
 
 
 def test_unknown_names_are_refused():
-    """Every public name exists, and other names raise an AttributeError."""
     assert set(abfm.__all__) <= set(dir(abfm))
     for name in abfm.__all__:
         found = getattr(abfm, name)

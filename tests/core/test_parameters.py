@@ -1,5 +1,3 @@
-"""Checks of parameters, and Table 1 of the paper."""
-
 import json
 from itertools import pairwise
 
@@ -40,7 +38,6 @@ def test_advice_names_options(advice, expected):
 
 
 def test_segments_depend_on_method():
-    """Linearised flows have 10 segments by default; every parameter has a help text."""
     assert Parameters().solver.segments == 0
     assert Parameters.of(method="linearised").solver.segments == 10
     assert Parameters.of(method="linearised", segments=3).solver.segments == 3
@@ -80,13 +77,11 @@ def test_segments_depend_on_method():
     ],
 )
 def test_invalid_values_are_refused(changes, named):
-    """An invalid value is refused; the message names the parameter, value and allowed range."""
     with raises(ParameterError, *named):
         Parameters.of(**changes)
 
 
 def test_parameters_round_trip():
-    """JSON preserves parameters, unknown names are refused, and numbers become Python numbers."""
     for p in (Parameters.of(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
         assert Parameters.of(**json.loads(json.dumps(p.to_dict()))) == p
     with raises(ParameterError, "aplha"):
@@ -117,7 +112,6 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
 
 @given(sigma=st.none() | st.floats(1e-8, 1e3), factor=st.floats(1.5, 100))
 def test_stage_sigmas_end_at_given_sigma(sigma, factor):
-    """The sigmas of stages end at the given one; the first is at most FIRST_SIGMA_MAX."""
     p = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = p.stage_sigmas()
     assert sigmas[-1] == p.last_sigma == (sigma or LAST_SIGMA)
@@ -130,7 +124,6 @@ def test_stage_sigmas_end_at_given_sigma(sigma, factor):
 
 
 def test_automatic_parameters_are_none():
-    """Automatic values are None; stages are limited even if the cooling factor is close to 1."""
     p = Parameters()
     assert (p.sigma, p.refine, p.paper.cooling_stages) == (None, None, 0)
     assert Parameters(sigma=2.0).stage_sigmas() == [18.0, 6.0, 2.0]
@@ -171,7 +164,6 @@ def test_table_row_is_as_printed(row, printed):
 
 @pytest.mark.parametrize("row", TABLE_1.values())
 def test_row_is_recognized_by_its_values(row):
-    """A row of Table 1 has the paper's energy, and is recognised until a value changes."""
     p = row.parameters(iterations=7)
     assert (p.solver.order, p.solver.reach, p.solver.levels) == (1, 0, 1)
     assert p.paper.sigma_unit == "absolute"

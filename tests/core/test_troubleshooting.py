@@ -1,5 +1,3 @@
-"""Sections of the page Troubleshooting, and the names of those that explain a result."""
-
 import re
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Form of error messages."""
-
 import ast
 from pathlib import Path
 

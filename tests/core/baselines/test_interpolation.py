@@ -63,7 +63,6 @@ def test_more_steps_approximate_the_flat_heat_kernel():
 
 
 def test_ends_are_blurred_source_and_target():
-    """The difference from source and target has order 2 in the width of the blur."""
     f, g = bump(P), bump(Q) + 0.5 * bump(-P)
     heat = HeatKernel(SPHERE, 0.1, 16)
     ends = optimal_transport(SPHERE, f, g, [0, 1])

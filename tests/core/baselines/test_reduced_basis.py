@@ -28,7 +28,7 @@ def test_fields_are_orthonormal(mesh):
     ("mesh", "fields"), [(icosphere(3), slice(None)), (hemisphere(16), slice(3, None))]
 )
 def test_fields_are_eigenfields_of_the_hodge_laplacian(mesh, fields):
-    """On a boundary only divergence-free fields are; gradients have some flux there."""
+    """On a boundary gradients have some flux, so only divergence-free fields are eigenfields."""
     values, basis = (part[..., fields] for part in hodge_basis(mesh, 3))
     assert_allclose(np.einsum("xm,xm->m", basis, hodge_laplacian(mesh) @ basis), values, rtol=0.03)
 
@@ -55,7 +55,6 @@ def test_operators_are_projections_of_full_ones():
 
 
 def test_energy_and_gradient_agree_with_definition():
-    """The energy agrees with its definition, is infinite on overflow, and has an exact gradient."""
     energy, (a, direction) = problem()
     difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target
     laplacian = hodge_basis(energy.mesh, 4)[0]
@@ -71,7 +70,6 @@ def test_energy_and_gradient_agree_with_definition():
 
 
 def test_rotation_of_the_sphere_is_found():
-    """A known rotation is found; the field is 0 if the source equals the target."""
     sphere, axis, p = icosphere(3), np.array([0.0, 0.18, 0.24]), Parameters(alpha=1e-3, sigma=1e-2)
     back = sphere.vertices @ Rotation.from_rotvec(axis).as_matrix()
     target = functional_map(PointMap.project(sphere, sphere, back), 16)

@@ -29,16 +29,12 @@ def results(folder):
 
 
 class Quick(Row):
-    """A row that is solved at once."""
-
     def task(self):
         found = Mock(save=lambda path: np.savez(path, one=1))
         return Mock(digest="0a", goal=None, expected=lambda: None, solve=lambda monitor: found)
 
 
 class Warned(Quick):
-    """A row that is solved with a warning."""
-
     def task(self):
         warnings.warn("no value", AbfmWarning, stacklevel=2)
         return super().task()

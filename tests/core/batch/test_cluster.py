@@ -39,7 +39,6 @@ def elsewhere():
 
 
 def test_two_processes_give_equal_files(alone, tmp_path, capfd):
-    """Two processes write the same files as one, although one row kills its process."""
     deadly = Deadly("deadly", pair(target=30).options)
     lost, before = pair("lost", mesh="nowhere.off"), children()
     rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
@@ -70,7 +69,6 @@ def test_cluster_writes_or_sends_results(is_accessible, alone, elsewhere, tmp_pa
 
 
 def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatch):
-    """Consecutive runs use one connection; a lost one is replaced in the next run."""
     made, usual = [], dask_connection._client
     monkeypatch.setattr(dask_connection, "_client", lambda *x: made.append(usual(*x)) or made[-1])
     with Workers(Cluster(scheduler=elsewhere.scheduler_address)) as workers:
@@ -86,7 +84,6 @@ def test_connection_persists_between_runs(alone, elsewhere, tmp_path, monkeypatc
 
 
 def test_lost_scheduler_reports_unfinished_rows(elsewhere, tmp_path, capfd):
-    """The error names the number of unfinished rows, and nothing is printed."""
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
     with raises(ConnectionLostError, 3):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
@@ -105,7 +102,6 @@ def test_cancelled_cluster_run_keeps_finished_rows(elsewhere, tmp_path):
 
 
 def test_missing_scheduler_is_refused(tmp_path):
-    """A missing file, an invalid address and another service raise a ResultError."""
     with raises(ResultError):
         run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
     with raises(ResultError, "scheduler", "nonsense"):
@@ -119,7 +115,6 @@ def test_missing_scheduler_is_refused(tmp_path):
 
 
 def test_connecting_can_be_cancelled(tmp_path, monkeypatch):
-    """A connection that opens after the cancellation is closed again."""
     control, waited, closed = abfm.workers.Control(), threading.Event(), threading.Event()
 
     def connect(*given, **named):
@@ -150,7 +145,6 @@ def test_unreadable_scheduler_file_is_refused(tmp_path, monkeypatch):
 
 
 def test_waiting_for_workers_is_reported(alone, tmp_path, monkeypatch):
-    """A cluster without workers has a progress step, which ends when a worker connects."""
     monkeypatch.setattr(dask_connection, "_COUNT_SECONDS", 0.2)
     steps = []
 

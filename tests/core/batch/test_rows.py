@@ -1,5 +1,3 @@
-"""Rows: keys, the files that they consist of, and invalid options."""
-
 import os
 import pickle
 import shutil
@@ -20,7 +18,6 @@ COUNT = len(EIGHT.vertices)
 
 @pytest.fixture
 def folder(tmp_path):
-    """Return a folder with a mesh, values, a vertex map and a mask."""
     place = tmp_path / "one"
     place.mkdir()
     shutil.copy(asset_path("eight.off"), place / "m.off")
@@ -44,7 +41,6 @@ MATCH = {"mesh": "m.off", "source": "curvature:mean", "target": "curvature:mean"
 
 
 def test_digest_of_a_match_is_that_of_its_problem(folder, monkeypatch):
-    """A row and the same problem in Python have one digest, in any working folder."""
     row = Row("one", OPTIONS, folder)
     monkeypatch.chdir(folder)
     channel = 'file:"g, h.npy"', "curvature:mean"
@@ -70,7 +66,6 @@ def test_digest_depends_on_max_distortion():
 
 
 def test_key_depends_on_contents_and_values_only(folder, tmp_path):
-    """Paths and times of files do not change a row's key; contents and values do."""
     row = Row("one", OPTIONS, folder)
     other = tmp_path / "other"
     shutil.copytree(folder, other)
@@ -89,7 +84,6 @@ def test_key_depends_on_contents_and_values_only(folder, tmp_path):
 
 
 def test_relocated_row_has_the_same_digest(folder, tmp_path):
-    """A row lists its files; copies of them elsewhere give the same problem."""
     row = Row("one", OPTIONS, folder)
     names = {"m.off", "f.npy", "g, h.npy", "mask.npy", "map.txt"}
     assert {*row.files()} == {str(folder / name) for name in names}

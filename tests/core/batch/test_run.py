@@ -53,7 +53,6 @@ def test_worker_without_write_access_sends_its_result(tmp_path, monkeypatch):
 
 
 def test_equal_warnings_are_reported_once(tmp_path):
-    """The ledger stores the warning of every row, but a run issues equal warnings once."""
     rows = [Warned(f"row {number}", pair(source=number).options) for number in (1, 2)]
     with pytest.warns(AbfmWarning, match="row 1: no value") as caught:
         entries = run(rows, tmp_path, ONE)
@@ -103,7 +102,6 @@ def done(tmp_path_factory):
 
 
 def test_failed_rows_do_not_stop_others(done):
-    """Each failed row has its reason; equal rows are solved once and share a result."""
     rows, _, entries, changed = done
     assert [entry.row for entry in entries] == rows
     states = {entry.row.name: entry.state for entry in entries}
@@ -122,7 +120,6 @@ def test_failed_rows_do_not_stop_others(done):
 
 
 def test_processes_persist_between_runs(tmp_path, monkeypatch):
-    """Consecutive runs use the same worker processes; a cancelled run replaces them."""
     made, module = [], sys.modules["abfm.workers.executor"]
     usual, control = module.Worker, abfm.workers.Control()
 
@@ -147,7 +144,6 @@ def test_processes_persist_between_runs(tmp_path, monkeypatch):
 
 
 def test_process_is_replaced_after_an_error(tmp_path, monkeypatch):
-    """If ``on_change`` raises during a cancelled run, the worker process is replaced."""
     made, control = [], abfm.workers.Control()
 
     class Here:
@@ -182,7 +178,6 @@ def test_process_is_replaced_after_an_error(tmp_path, monkeypatch):
 
 
 def test_results_equal_direct_solutions(done, tmp_path):
-    """A row's result equals that of `abfm.match`; its file has the name of the problem's digest."""
     by_name = {entry.row.name: entry for entry in done[2]}
     match = by_name["first"].load()
     assert by_name["first"].path.name == f"{match.problem.digest}.npz"
@@ -232,7 +227,6 @@ def test_registration_row_equals_register(done, tmp_path):
 
 
 def test_only_missing_results_are_solved_again(done, tmp_path):
-    """A second run solves rows without a result; a truncated result file counts as none."""
     _, folder, entries, _ = done
     good = [entry.row for entry in entries if entry.state == "done"]
     before = files(folder)
@@ -257,7 +251,6 @@ def test_only_missing_results_are_solved_again(done, tmp_path):
 
 
 def test_damaged_record_keeps_the_result(done):
-    """If a row's record is damaged, the next run reuses the row's result file."""
     _, folder, entries, _ = done
     ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
     record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
@@ -365,7 +358,6 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
 
 
 def test_stored_rows_are_read(done):
-    """The list of rows is read back; a damaged or missing list raises a ResultError."""
     rows, folder, _, _ = done
     ledger = Ledger(folder)
     ledger.write_rows(rows, "a title")
@@ -399,7 +391,6 @@ def test_row_is_attempted_at_most_three_times(tmp_path, monkeypatch):
 
 
 def test_cancelled_run_keeps_finished_rows(tmp_path):
-    """A cancelled run keeps its finished rows and removes incomplete files of killed processes."""
     control = abfm.workers.Control()
     rows = [pair(target=target) for target in (9, 12, 15)]
     with temporary_file(tmp_path, ".json") as temporary:
@@ -417,7 +408,6 @@ def test_cancelled_run_keeps_finished_rows(tmp_path):
 
 
 def test_worker_sends_results_and_requests_files(done, tmp_path):
-    """A worker without folder access sends its result; one without input files requests them."""
     _, folder, entries, _ = done
     entry = next(entry for entry in entries if entry.row.name == "own")
     unseen = WorkItem(entry.row, str(folder), "another one")

@@ -40,7 +40,6 @@ def sequence_row(folder, **more):
 
 
 def test_killed_row_resumes_to_equal_bytes(folder):
-    """A row resumes from its checkpoint, removed at the end, to the bytes of a single run."""
     row, control = sequence_row(folder), Control()
     single, ledger = Ledger(folder / "a"), Ledger(folder / "b")
     attempt(WorkItem(row, str(single.folder), single.make()))
@@ -64,7 +63,6 @@ def test_killed_row_resumes_to_equal_bytes(folder):
 
 
 def test_row_cancelled_while_reading_is_missing(folder):
-    """A row cancelled before it is solved has the state "missing", not "failed"."""
     np.save(folder / "f.npy", np.where(np.arange(FRAMES.shape[1]) < 9, np.nan, FRAMES))
     row, control, ledger = sequence_row(folder), Control(), Ledger(folder / "out")
 
@@ -90,7 +88,6 @@ def test_row_equals_sequence_in_python(folder):
 
 
 def test_files_of_a_pvd_series_are_sent(folder):
-    """Files listed in a .pvd series change the row's key, and workers receive their contents."""
     found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
     export_pvd(folder / "s.pvd", found)
     options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame", "sigma": 0.5}
@@ -109,7 +106,6 @@ def test_files_of_a_pvd_series_are_sent(folder):
 
 
 def test_changed_file_fails_the_row(folder):
-    """A row fails if one of its files changes after the key was computed."""
     row = sequence_row(folder)
     assert row.key
     np.save(folder / "f.npy", FRAMES[:1].repeat(3, axis=0))

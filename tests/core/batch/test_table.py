@@ -1,5 +1,3 @@
-"""Tables: round trips of written tables, and errors with row and column."""
-
 import csv
 import io
 from contextlib import suppress
@@ -49,7 +47,6 @@ def written(columns, rows, delimiter=",", end="\r\n"):
     st.sampled_from(["\n", "\r\n"]),
 )
 def test_written_tables_are_read(options, columns, delimiter, end):
-    """Column order, separators and line ends do not change the rows that are read."""
     cells = [[each.get(column, "") for column in columns] for each in options]
     names = [each.get("name", f"row {number}") for number, each in enumerate(options, 1)]
     assume(len({*names}) == len(names))
@@ -69,13 +66,11 @@ def test_written_tables_are_read(options, columns, delimiter, end):
 @example("\0")
 @example("name\n\n\n1,2")
 def test_any_text_is_read_or_refused(text):
-    """Any text is read as a table or raises an AbfmError of one line."""
     with suppress(AbfmError):
         assert rows_of_text(text, "/")
 
 
 def test_column_names_may_be_options_or_python_names(tmp_path):
-    """A column is an option or a Python name; a repeatable option may have several columns."""
     head = "\ufeffName,--mesh,Cooling_Stages,channel,channel,max-distortion"
     channels = "curvature:mean coordinate:x 1,coordinate:x curvature:mean .5"
     path = tmp_path / "t.csv"
@@ -143,7 +138,6 @@ def test_binary_or_missing_table_is_refused(content, tmp_path):
 
 
 def test_combinations_are_complete_and_ordered():
-    """Each combination of values is one row; the last option varies fastest."""
     fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "tau": 2}
     over = {"alpha": [0.1, 0.2], "sigma": ["auto", 0.5, 1], "order": [1, 2]}
     rows = combinations(fixed.items(), over, "/x")
@@ -160,7 +154,6 @@ def test_combinations_are_complete_and_ordered():
 
 
 def test_fixed_option_cannot_be_varied():
-    """Varying a fixed option, an empty list or too many combinations raises an error."""
     fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "alpha": 1}
     with raises(ParameterError, "alpha"):
         combinations(fixed.items(), {"alpha": [1]})

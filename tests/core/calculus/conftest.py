@@ -1,5 +1,3 @@
-"""Fixtures of the tests of calculus."""
-
 import pytest
 
 from tests.core.surfaces import SURFACES

@@ -171,7 +171,6 @@ def test_pushforward_has_order_one():
 
 
 def test_pullback_undoes_the_pushforward(mesh):
-    """The pullback inverts the pushforward, and the flow of a field preserves this field."""
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
     pushed = pushforward(mesh, v, u, 0.3)
     close(pushforward(mesh, v, pushed, -0.3), u, abs(pushed).max())

@@ -42,7 +42,6 @@ def relative_size(matrix, *factors):
 
 
 def test_frames_are_right_handed_and_rotate_by_90_degrees(mesh):
-    """The two axes of a face's frame and its normal are orthonormal and right-handed."""
     frames, normals = op.face_frames(mesh), op.face_normals(mesh)
     close(np.einsum("fkx,flx->fkl", frames, frames), np.tile(np.eye(2), (len(frames), 1, 1)))
     close(np.cross(frames[:, 0], frames[:, 1]), normals)
@@ -77,7 +76,6 @@ def test_libigl_agrees(mesh):
 
 
 def test_averaging_preserves_constants(mesh):
-    """Averaging to vertices preserves constants and is the adjoint of the mean over corners."""
     average, ones = op.averaging(mesh), np.ones(len(mesh.vertices))
     close(average @ np.ones(len(mesh.faces)), ones)
     h = np.random.default_rng(1).normal(size=len(mesh.faces))

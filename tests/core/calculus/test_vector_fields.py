@@ -27,7 +27,6 @@ def close(actual, expected, scale=1.0):
 
 
 def test_frame_coefficients_represent_tangential_parts(mesh):
-    """Coefficients in frames represent the tangential parts of several fields in space."""
     fields = np.random.default_rng(0).normal(size=(3, len(mesh.faces), 3))
     coefficients = vf.to_frame(mesh, fields)
     for field, part in zip(fields, coefficients, strict=True):
@@ -127,7 +126,6 @@ def random_field(mesh, seed=0):
 
 
 def test_hodge_parts_are_orthogonal_projections(mesh):
-    """The three Hodge parts are orthogonal projections; their sum is the tangential field."""
     v, mass = random_field(mesh), op.field_mass(mesh)
     parts = vf.helmholtz_hodge(mesh, v)
     near(sum(parts), v, 1e-14)
@@ -155,7 +153,6 @@ def test_harmonic_parts_span_one_dimension_per_loop(name):
 
 
 def test_gradient_and_rotation_are_separated_on_the_sphere():
-    """The gradient part and the rotation part of a sum are recovered with order 1."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -193,7 +190,6 @@ def test_gradient_takes_the_flux_through_the_boundary():
 
 
 def test_pinched_surfaces_are_decomposed():
-    """Two ellipsoids that share a vertex have no harmonic part, and the other parts add up."""
     one = surfaces.SURFACES["ellipsoid"]
     count, tip = len(one.vertices), int(np.argmax(one.vertices[:, 0]))
     vertices = np.concatenate([one.vertices, 2 * one.vertices[tip] - one.vertices])
@@ -233,7 +229,6 @@ def test_torus_rotation_commutes_with_a_harmonic_field():
 
 
 def test_sphere_rotation_commutes_with_an_axial_gradient():
-    """The gradient along the axis commutes with a rotation ten times better than other fields."""
     errors, brackets = [], []
     for level in (2, 3, 4):
         mesh = icosphere(level)
@@ -301,7 +296,6 @@ def test_commuting_fields_agree_with_a_dense_eigensolver(name):
 
 
 def test_commuting_fields_follow_changes_of_the_mesh():
-    """Commuting fields rotate, scale and are renumbered with the mesh; normal parts are ignored."""
     mesh = ellipsoid(2, 1.0, 0.7, 1.6)
     v = wavy_field(mesh, 1)
     (u,) = vf.commuting_fields(mesh, v)
@@ -321,7 +315,6 @@ def test_commuting_fields_follow_changes_of_the_mesh():
 
 
 def test_larger_weights_give_smaller_brackets():
-    """A larger weight gives a field with a smaller bracket that is rougher."""
     mesh = torus(24, 12)
     v = wavy_field(mesh, 2)
     found = [vf.commuting_fields(mesh, v, weight=weight)[0] for weight in (0, 1, 10, 100)]

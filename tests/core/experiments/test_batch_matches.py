@@ -1,5 +1,3 @@
-"""Matches of a figure by a batch: the findings are equal in every bit."""
-
 import pytest
 
 from abfm import AbfmError, batch

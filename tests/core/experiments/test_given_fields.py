@@ -37,7 +37,6 @@ ANY = pytest.mark.parametrize(
 
 @pytest.mark.parametrize("mesh", [ellipsoid(2, 1, 0.7, 0.5), torus(24, 12), open_cylinder(20, 10)])
 def test_stream_field_is_divergence_free_and_tangent(mesh):
-    """The field of a stream function is tangent, has no divergence, and the requested RMS speed."""
     field = stream_field(mesh, MODES, 0.3)
     assert root_mean_square(mesh, field) == pytest.approx(0.3 * mesh.length_scale)
     coefficients = np.einsum("fx,fkx->fk", field, op.face_frames(mesh))
@@ -56,7 +55,6 @@ def test_flow_lines_are_level_lines_of_stream_function():
 
 
 def test_meshes_of_figures_are_valid():
-    """The bundled meshes are closed and even; a mesh without interior vertices has no field."""
     body, eight = five_limbs(500), loop_subdivided("eight.off", 1)
     assert (len(body.vertices), body.genus, body.is_closed) == (500, 0, True)
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
@@ -79,7 +77,6 @@ class TestFigure2:
         assert fine < coarse / 2.5
 
     def test_zero_field_has_no_difference(self):
-        """Without motion, the two methods agree; figure 2 also runs on a mesh with a boundary."""
         mesh = torus(12, 8)
         flow = Flow(mesh, np.zeros((len(mesh.faces), 3)))
         still = differences(flow, function(mesh, "coordinate:x"), np.array([0.5, 1.0]))
@@ -181,7 +178,6 @@ class TestFigure5:
         assert value(findings, name, "exchanged") < 0.02
 
     def test_exact_solution_is_gradient_of_eigenfunction(self):
-        """On a surface of revolution, the exact field is the gradient of an eigenfunction."""
         eigenvalue_errors, field_errors = [], []
         for case in figure_05.known_cases((1, 2))[0]:
             mesh = case.mesh

@@ -28,7 +28,6 @@ class TestFigures1And3:
         return ran(request.param)
 
     def test_source_and_target_have_equal_mass(self, default_figure):
-        """Source and target have equal mass and lie at opposite ends of the surface."""
         problem = default_figure[0].problem
         f, g = problem.source[:, 0], problem.target[:, 0]
         areas = vertex_areas(problem.mesh)
@@ -59,7 +58,6 @@ class TestFigures1And3:
         assert mismatch["pass"] == mismatch["reproduces"] == (mismatch["value"] <= 0.05)
 
     def test_sheet_has_the_frames_of_the_paper(self, default_figure):
-        """The sheet shows all methods at the same times, those of the paper."""
         example, findings = default_figure
         first, *methods = findings.sheet.rows
         assert [panel.frame for panel in first] == ["source", "target", "field", "result"]
@@ -177,7 +175,6 @@ def found():
 
 
 def test_measures_equal_the_verification(found, monkeypatch):
-    """Figures report the residual and folded faces of the verification; an overflow is noted."""
     verification = found.verify()
     measures, notes, missing = verification_measures(found)
     expected = [verification.flow_lines, verification.subdivided, verification.folded]

@@ -68,7 +68,6 @@ def test_targets_are_smoother_than_sources():
 
 
 def test_exact_coordinates_give_the_identity(poses):
-    """Exact coordinates give the identity as initial map, and a zero flow does not change it."""
     still = maps.with_flow_lines(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
     found = maps.closest_points(poses, maps.coordinates(poses.a))
@@ -79,7 +78,6 @@ def test_exact_coordinates_give_the_identity(poses):
 
 
 def test_truncated_coordinates_are_projections():
-    """Truncated coordinates are projections, independent of the unit and position of the mesh."""
     mesh = ellipsoid(3, 1, 1.2, 2)
     moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
     assert_allclose(maps.coordinates(moved), maps.coordinates(mesh), atol=1e-12)

@@ -73,7 +73,6 @@ def test_mesh_without_symmetry_is_refused(figure, mesh):
 
 
 def test_geodesics_are_angles_on_a_sphere():
-    """Geodesic distances on a unit sphere are angles, and never shorter than straight lines."""
     mesh = sphere(3)
     vertices, angles = np.array([0, 5, 7, 9]), np.array([0.0, 0.01, 0.5, 2.0])
     x = mesh.vertices[vertices]

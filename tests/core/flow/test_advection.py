@@ -62,7 +62,6 @@ def test_long_times_and_growing_flows_are_split():
 
 
 def test_rotation_advects_with_order_two():
-    """A quarter turn about z moves a bump from x to y; values come from a quarter turn back."""
     sizes, functions, points = [], [], []
     for level in (3, 4, 5):
         mesh = icosphere(level)
@@ -79,7 +78,6 @@ def test_rotation_advects_with_order_two():
 
 
 def test_times_add_up_and_negative_times_undo_the_flow():
-    """Flows of consecutive times add up, negative times undo them, and constants never change."""
     for mesh in (MESHES["genus 1"], BALL):
         v, f = wavy_field(mesh, 3), bump(mesh, mesh.vertices[50], 0.2)
         flow = Flow(mesh, v, 0.8)
@@ -144,7 +142,6 @@ def test_times_may_be_before_or_after_the_fields(method, within, count):
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
 def test_negligible_values_count_as_zero(size):
-    """Values that are negligible relative to the largest one count as zero."""
     v, large = wavy_field(BALL, 2), np.where(BUMP > 0.1, size * BUMP, 0.0)
     traces = np.where(BUMP > 0.1, 0.0, 1e-130 * size)
     expected = advect(BALL, v, large, 0.7)
@@ -256,7 +253,6 @@ def test_scarce_memory_does_not_change_the_result(monkeypatch):
 
 
 def test_many_times_leave_no_large_cache_on_the_mesh():
-    """A flow at many times leaves no large arrays in the cache of the mesh."""
     times, field = [0.2, 0.4, 0.8], wavy_field(BALL, 3)
     Flow(BALL, field).push(BUMP, times)  # compiles the kernels, so that only the flow is measured
     mesh = icosphere(3, radius=2.0)

@@ -47,7 +47,6 @@ def test_linear_fields_of_the_plane_are_exact_inside():
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
 def test_geodesics_of_the_plane_are_straight(scale):
-    """A geodesic ends where its vector does; if it meets the boundary, it is marked."""
     plane = square(9)
     mesh = type(plane)(scale * plane.vertices, plane.faces)
     start = points_by_area(mesh, 300)

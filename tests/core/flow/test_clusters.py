@@ -176,7 +176,6 @@ def test_rates_bound_the_rows_of_the_operator(kind):
 @uneven
 @pytest.mark.parametrize("kind", ["single", "joined", "random"])
 def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
-    """Entries, products and the chain rule of the pattern equal those of sparse matrices."""
     mesh = TriangleMesh(UNEVEN[name].vertices, UNEVEN[name].faces)
     clusters = some_clusters(mesh, kind)
     monkeypatch.setattr("abfm.flow.derivative.vertex_clusters", lambda _: clusters)
@@ -205,7 +204,6 @@ def test_pattern_equals_the_sparse_operator(name, kind, monkeypatch):
 @uneven
 @pytest.mark.parametrize("t", [0.0, 1.0, -3.0])
 def test_clustered_flow_equals_exponential_of_scipy(name, t):
-    """The clustered flow, at several times, and its adjoint equal SciPy's exponential."""
     mesh = UNEVEN[name].normalized()
     v, f = fields(mesh, 2)[1], bump(mesh, mesh.vertices[5], 0.2)
     P, R, D = clustered_operator(mesh, vertex_clusters(mesh), v)
@@ -300,7 +298,6 @@ def matched(end=None, **changes):
 
 
 def test_match_starts_with_clusters():
-    """A match begins on clusters; if cancelled, its residual is that on the mesh itself."""
     (found, *record), (again, *other) = matched(), matched.__wrapped__()
     assert record == other
     np.testing.assert_array_equal(again.velocity, found.velocity)
@@ -326,7 +323,6 @@ def test_some_matches_have_no_clusters(changes):
 
 
 def test_clusters_are_a_level_before_the_mesh():
-    """The level of clusters precedes the mesh's level, and both have the same fields."""
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
     found = Levels.of_mesh(E).with_coarser().all
     assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]

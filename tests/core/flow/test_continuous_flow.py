@@ -86,7 +86,6 @@ def test_error_falls_with_the_squared_edge_length():
 
 @pytest.mark.parametrize("mesh", [icosphere(2), torus(14, 9), open_cylinder(9, 4)])
 def test_both_sides_of_an_edge_agree(mesh):
-    """The mean jump of the tangential part across edges falls below 35% of that before."""
     field = wavy_field(mesh, 2)
     vectors, jumps, before = in_space(mesh, field), [], []
     for edge in np.flatnonzero((mesh.edge_faces >= 0).all(axis=1)):
@@ -102,7 +101,6 @@ def test_both_sides_of_an_edge_agree(mesh):
 
 
 def test_flow_lines_follow_circles():
-    """On a coarse mesh, a full turn around a rotation's centre changes the radius below 1%."""
     mesh, centre = square(9), np.array([0.53, 0.46, 0.0])
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
     face = int(project_onto_surface(mesh, [[0.72, 0.6, 0.0]]).faces[0])
@@ -158,7 +156,6 @@ def test_rotations_of_torus_and_disc_converge():
 
 
 def test_constant_field_moves_the_plane_up_to_its_sides():
-    """A constant field moves all vertices of a square by its vector, at most to its sides."""
     mesh = square(7)
     field = np.tile([0.31, -0.17, 5.0], (len(mesh.faces), 1))  # the normal part is dropped
     exact = np.clip(mesh.vertices + np.array([0.31, -0.17, 0]), 0, 1) * [1, 1, 0]
@@ -176,7 +173,6 @@ def test_round_trip_converges_to_the_identity():
 
 
 def test_several_fields_are_applied_in_order():
-    """Two quarter turns that do not commute are applied in order; equal fields act as one."""
     mesh, axes = icosphere(4), np.pi / 2 * np.array([[1.0, 0, 0], [0, 0, 1.0]])
     flow = ContinuousFlow(mesh, np.stack([rotation_field(mesh, axis) for axis in axes]), 2.0)
     first, second = (Rotation.from_rotvec(axis) for axis in axes)

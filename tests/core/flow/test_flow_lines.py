@@ -121,7 +121,6 @@ def test_reversed_field_leads_back():
 
 
 def test_negative_times_run_backwards():
-    """A line of negative time follows the reversed field; one of time 0 is its start."""
     mesh = square(6)
     [line] = flow_lines(mesh, constant(mesh, [0.1, 0, 0]), centre(mesh, 30), -2.0)
     assert line.times[-1] == -2
@@ -170,7 +169,6 @@ def test_lines_slide_along_edges_between_opposing_faces():
 
 
 def test_lines_pass_through_vertices():
-    """Through a vertex of a regular grid, lines continue straight in all eight directions."""
     x, y = np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij")
     cells = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([cells[:, None] + [0, 9, 10], cells[:, None] + [0, 10, 1]])

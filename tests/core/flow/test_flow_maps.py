@@ -41,7 +41,6 @@ def largest_distance(one, other):
 @pytest.mark.parametrize("fields", [TURN, ROW])
 @pytest.mark.parametrize("inverse", [False, True])
 def test_negative_times_give_the_inverse_map(fields, inverse):
-    """The map of time -t is the inverse of that of t, with the times of `push`."""
     flow, lines = Flow(BALL, fields, 0.6), ContinuousFlow(BALL, fields, 0.6)
     moved = lines.destinations if inverse else lines.origins
     assert largest_distance(flow.point_map(inverse=inverse), moved()) == 0
@@ -142,7 +141,6 @@ def test_distortion_is_measured_inside_faces():
 @pytest.mark.parametrize("seed", range(7))
 @pytest.mark.parametrize("t", [0.6, 1.2])
 def test_folded_faces_of_smooth_flows(seed, t):
-    """Flipped triangles between mapped corners do not count as folds of a smooth map."""
     flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):

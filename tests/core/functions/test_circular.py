@@ -35,7 +35,6 @@ def warnings_of(call, *given, **named):
 
 @pytest.mark.parametrize(("period", "start"), PERIODS.values(), ids=PERIODS)
 def test_rotating_phases_have_their_speed(period, start):
-    """Circular phases have their speed, 0.3 rad a frame; as plain numbers they cause a warning."""
     frames = phases(3, period, start)
     found, texts = warnings_of(abfm.sequence, RING, frames, circular=period)
     assert found.confirmed == 2
@@ -111,7 +110,6 @@ def test_wrong_period_causes_a_warning(tmp_path):
 
 
 def test_only_phases_cause_a_warning():
-    """Smooth functions, steps, labels, noise and values of other ranges cause no warning."""
     rng, sphere = np.random.default_rng(1), icosphere(3)
     z = sphere.vertices[:, 2]
     others = [

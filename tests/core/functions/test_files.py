@@ -1,5 +1,3 @@
-"""Values and vertex maps from files, numbered like the mesh file, and invalid files."""
-
 import os
 
 import nibabel
@@ -99,7 +97,6 @@ def test_title_of_other_length_is_not_names(tmp_path):
 
 
 def test_files_have_the_numbers_of_the_mesh_file(tmp_path):
-    """Rows of a values file are those of the mesh file, whose unused vertices a mesh drops."""
     mesh = with_unused_vertices()
     in_file = np.insert(VALUES, [0, 10], np.nan)
     np.save(tmp_path / "a.npy", in_file)
@@ -148,7 +145,6 @@ def test_unnamed_index_is_not_a_map_column(tmp_path):
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_map_has_the_numbers_of_the_mesh_file(tmp_path, first):
-    """A vertex map has the vertex numbers of the mesh file, whose unused vertices a mesh drops."""
     mesh, path = with_unused_vertices(), tmp_path / "map.txt"
     target = np.random.default_rng(0).permutation(COUNT)
     in_file = np.full(COUNT + 2, -1)

@@ -1,5 +1,3 @@
-"""Labels from files written by nibabel, and functions that are 1 where a label is."""
-
 import nibabel
 import nibabel.freesurfer
 import numpy as np
@@ -83,7 +81,6 @@ def test_label_function_by_name_or_key(tmp_path):
 
 
 def test_label_names_have_priority_over_keys(tmp_path):
-    """A label named like a number has priority over that key; equal names form one label."""
     names = {1: "2", 2: "both", 3: "both"}
     values = np.arange(COUNT) % 4
     path = write_gifti(tmp_path / "a.label.gii", [values], names=names)
@@ -173,7 +170,6 @@ def test_files_without_labels_are_refused(tmp_path, name, content, named):
 
 
 def test_values_are_not_labels(tmp_path):
-    """Files of values are refused as labels; errors for unknown labels suggest similar names."""
     path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
     with raises(FunctionError, "values"):
         read_labels(path)

@@ -1,5 +1,3 @@
-"""Values at vertices from objects of other libraries."""
-
 from types import SimpleNamespace as Object
 
 import nibabel

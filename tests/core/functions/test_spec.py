@@ -133,7 +133,6 @@ def test_text_and_spec_round_trip(text):
 
 @pytest.mark.parametrize("text", ERRORS)
 def test_parse_errors_have_the_words_in_one_line(text):
-    """Errors are one line with the invalid and the expected words."""
     with raises(FunctionError, *ERRORS[text]) as error:
         parse(text)
     assert "\n" not in str(error.value)

@@ -1,5 +1,3 @@
-"""Reader of values: vertex numbers, rows and columns, and choices in a file."""
-
 import io
 import warnings
 import zipfile
@@ -92,7 +90,6 @@ def test_node_indices_number_the_rows(tmp_path, place):
 
 
 def test_vertex_numbers_are_those_of_the_mesh_file(tmp_path):
-    """A value of an unused vertex of the mesh file does not shift those of later vertices."""
     mesh = with_loose_vertex(MESH)
     values = np.insert(VALUES, 5, 9.0)
     path = gifti(tmp_path / "a.gii", [(NODES, np.arange(1, COUNT + 1)), (NONE, values[1:])])
@@ -177,7 +174,6 @@ def test_comment_above_numbers_names_the_columns(tmp_path):
 
 
 def test_columns_set_values_of_their_vertices():
-    """Columns with vertex numbers set the values of these vertices; others are NaN."""
     found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
     assert_array_equal(found.values[:, 0], SPARSE)
 
@@ -460,7 +456,6 @@ def test_unnamed_vertex_numbers_are_refused(tmp_path):
 
 
 def test_merged_vertices_have_the_first_value(tmp_path):
-    """A merged vertex has the value of its copy with the lowest vertex number."""
     vertices = np.concatenate([MESH.vertices, MESH.vertices[:1]])
     faces = MESH.faces.copy()
     one = int(np.flatnonzero((faces == 0).any(axis=1))[0])

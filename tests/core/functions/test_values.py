@@ -1,5 +1,3 @@
-"""Values of the function families compared with known surfaces and spectra."""
-
 import numpy as np
 import potpourri3d
 import pytest
@@ -38,7 +36,6 @@ def test_geodesic_function_is_exact_on_a_rhombus():
 
 
 def test_geodesic_function_is_exact():
-    """Distances are symmetric; on icospheres they converge to angles with order 2."""
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
@@ -212,7 +209,6 @@ def test_shape_diameter_is_the_thickness():
 
 
 def test_shape_diameter_without_rays():
-    """Vertices whose rays miss get finite values; a flat sheet, which has no hits, is refused."""
     f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
     assert f.min() > 1
     assert f.max() < 3
@@ -238,7 +234,6 @@ MODES = np.arange(12)  # cos(pi n x), the eigenfunctions of the interval [0, 1]
 
 
 def test_eigenvalues_of_the_sphere_converge():
-    """Eigenvalues of the unit sphere converge to l (l + 1) with order 2."""
     exact = np.repeat([0, 2, 6, 12], [1, 3, 5, 7])
     errors = [np.abs(eigenbasis(icosphere(s, radius=2.0), 16)[0] * 4 - exact).max() for s in (3, 4)]
     assert errors[1] < 0.1
@@ -271,7 +266,6 @@ def test_eigenfunctions_are_scaled_and_signed():
 
 
 def test_first_large_value_of_an_eigenfunction_is_positive():
-    """An eigenfunction is positive at the first vertex at which it has a large value."""
     x, y = np.meshgrid(np.linspace(-1, 1, 15), np.linspace(-0.4, 0.4, 7), indexing="ij")
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
     faces = np.concatenate([corner + np.array(steps) for steps in ([0, 7, 8], [0, 8, 1])])

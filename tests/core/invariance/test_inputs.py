@@ -204,7 +204,6 @@ def test_equal_constant_and_distant_functions(options):
 @examples(5)
 @given(exponent=st.integers(-300, 300), options=st.sampled_from(OPTIONS[:5]))
 def test_powers_of_two_have_no_influence(exponent, options):
-    """With a relative sigma, scaling both functions by a power of two changes no bit."""
     expected = matched(F, G, **options)
     match = matched(2.0**exponent * F, 2.0**exponent * G, **options)
     for name in ("velocity", "energy_history", "residual", "verified_residual"):

@@ -88,7 +88,6 @@ def test_hidden_values_are_harmonic():
 
 @pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
 def test_registration_ignores_values_below_the_mask(kind):
-    """Values below a mask change no bit of a registration: those on A, then those on B."""
     rough = F + noise(0.1, 1), G + noise(0.1, 2)
     given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}
     hidden, other = [spoiled(values, kind) for values in rough], (MESH.vertices, MESH.faces)

@@ -188,7 +188,6 @@ def test_functions_move_with_the_mesh(spec, move):
 @examples(8)
 @given(move=MOVES, far=st.sampled_from([1.0, 1e3, 1e6]))
 def test_flat_surfaces_have_curvature_0(mesh, move, far):
-    """A flat surface far from the origin has curvature 0 up to the rounding of coordinates."""
     shift = tuple(far * x for x in move.shift)
     other = Move(move.turn, move.scale, shift, move.seed).mesh(mesh)
     assert not abfm.function(other, "curvature:gaussian").any()

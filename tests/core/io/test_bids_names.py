@@ -1,5 +1,3 @@
-"""BIDS names of brain imaging files: parsing, derived names, and the order of entities."""
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,7 +15,6 @@ extensions = st.sampled_from([".surf.gii", ".nii.gz", ".json", ".label.gii"])
 
 @given(entities=entities, suffix=words, extension=extensions, folder=words)
 def test_bids_name_round_trip(entities, suffix, extension, folder):
-    """A name that is parsed and written again is equal, with entities in the order of BIDS."""
     name = bids_name("a", suffix=suffix, extension=extension, **entities)
     said = parse_bids_name(f"{folder}_b-c/{name}")
     assert said == (entities, suffix, extension)

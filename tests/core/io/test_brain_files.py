@@ -1,5 +1,3 @@
-"""Files for brain imaging, read by nibabel and by this library."""
-
 import getpass
 import os
 import time

@@ -17,7 +17,6 @@ VALUES = np.array([[0.25, 1.0], [np.nan, np.nan], [-2.0, 3.0], [np.nan, 5.0]])
 
 @pytest.mark.parametrize(("side", "structure"), [("L", "CORTEX_LEFT"), ("R", "CORTEX_RIGHT")])
 def test_scalars_omit_vertices_without_values(tmp_path: Path, side: str, structure: str) -> None:
-    """Vertices without a value in any column are omitted; names and hemisphere are stored."""
     path = tmp_path / f"hemi-{side}_a.dscalar.nii"
     write_values(path, VALUES, names=["one", "two"])
     image = nibabel.load(path)

@@ -1,5 +1,3 @@
-"""Result files: round trips, also of matches, and errors for invalid files."""
-
 import io
 import json
 import os
@@ -93,7 +91,6 @@ def test_file_is_plain_numpy_and_reproducible(path):
 
 
 def test_number_types_are_converted(path):
-    """Arrays of other number types are converted, and unknown arrays are ignored."""
     arrays = result_arrays()
     faces, velocity = arrays["faces"].astype(np.uint16), arrays["velocity"].astype(">f4")
     saved_by_numpy(path, faces=faces, velocity=velocity, residual=1, colour=np.ones(3))
@@ -316,7 +313,6 @@ def test_unused_file_vertices_need_no_memory(saved):
 
 
 def test_extreme_values_are_loaded(saved):
-    """Extreme values are loaded, and unknown members of the zip are not read."""
     put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
     assert load(saved).source.max() == 1e-160
     content = members(saved)
@@ -343,7 +339,6 @@ def test_decompressed_size_is_limited(saved, tmp_path):
 
 
 def test_invalid_zip_headers_are_refused(saved):
-    """A zip with a wrong size, or a name that is not valid UTF-8, is refused."""
     packed, named = hostile.bomb(64 << 20), bytearray(saved.read_bytes())
     archive = zipped(members(saved) | {"mask.npy": packed})
     named[7] |= 8  # the flag that the first name is UTF-8
@@ -416,7 +411,6 @@ def test_unknown_values_round_trip(path):
 
 
 def test_remedies_round_trip(matched, file):
-    """Remedies are stored; a file written without them is loaded without any."""
     closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
     remedies = Remedy("Continue", "go on", {}, True), closer
     judged = replace(matched, verdict=replace(matched.verdict, remedies=remedies))

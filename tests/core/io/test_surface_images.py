@@ -1,5 +1,3 @@
-"""Conversion from and to surface images of nilearn."""
-
 import sys
 from types import SimpleNamespace
 
@@ -35,7 +33,6 @@ def test_parts_round_trip(columns):
 
 
 def test_images_of_one_hemisphere_are_read(tmp_path):
-    """Values and vertices are numbered as in the file."""
     values = np.arange(len(LEFT.vertices) + 1)
     loose = with_loose_vertex(LEFT)
     vertices = np.insert(LEFT.vertices, 5, 9.0, axis=0)

@@ -1,5 +1,3 @@
-"""Tables for spreadsheets, without formulas and control characters in texts."""
-
 import csv
 
 import pytest

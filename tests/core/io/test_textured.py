@@ -1,5 +1,3 @@
-"""Textured surfaces, read by this library and by trimesh."""
-
 import io
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Atomic replacement of files, removal of temporary files, and exports."""
-
 import csv
 import fcntl
 import os
@@ -160,7 +158,6 @@ def test_permissions_are_preserved(old, mode):
 
 
 def test_new_files_have_default_permissions(tmp_path):
-    """New files have default permissions; a symbolic link still leads to the replaced file."""
     (tmp_path / "usual").touch()
     (tmp_path / "link").symlink_to(tmp_path / "new.gz")
     with write_atomically(tmp_path / "link") as temporary:
@@ -185,7 +182,6 @@ with temporary_file(place, ".npz") as file, temporary_folder(place) as folder:
 
 
 def test_files_of_killed_processes_are_removed(tmp_path):
-    """The next write removes temporary files of killed processes, not those of running ones."""
     command = [sys.executable, "-c", KILLED, str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
@@ -330,7 +326,6 @@ def test_vtu_has_all_digits(tmp_path):
 
 
 def test_ply_has_all_digits(tmp_path):
-    """PLY files store double precision; without data, the file is a simple mesh."""
     path = tmp_path / "a.ply"
     export_ply(path, MESH, {"f": F, "colours": COLORS}, {"area": AREA, "velocity": VELOCITY})
     read = trimesh.load_mesh(path, process=False)

@@ -52,7 +52,6 @@ def repaired(bent):
 
 
 def test_noisy_map_becomes_a_homeomorphism(repaired):
-    """The repaired map flips no face, and its mean error falls below 60% of the noisy map's."""
     start, on_a, on_b = repaired
     found = map_through_sphere(on_b, on_a)
     assert start.distortion().flipped.mean() > 0.2

@@ -1,5 +1,3 @@
-"""Quality of maps: geodesic errors, distances from the surface, and folded faces."""
-
 import igl
 import numpy as np
 import pytest
@@ -191,7 +189,6 @@ def folded_over(x):
 
 
 def test_folded_shares_of_known_maps():
-    """A reflection folds all faces, a collapse none, and folding the square one half."""
     mesh, ball = square(6), icosphere(3)
     assert shares(mesh, by_positions(mesh, lambda x: x * [-1, 1, 1] + [1, 0, 0])) == (1, 1)
     assert shares(ball, by_positions(ball, lambda x: x * [-1, 1, 1])) == (1, 1)

@@ -1,5 +1,3 @@
-"""Embeddings in the sphere: orientation, areas, invariance and refused meshes."""
-
 import numpy as np
 import pytest
 import trimesh

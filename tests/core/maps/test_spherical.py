@@ -106,7 +106,6 @@ def test_invalid_layouts_are_refused(directions, named):
 
 
 def test_flipped_faces_are_reported():
-    """Flipped faces of a layout are reported, and points are found in spite of them."""
     vertex = 5
     ring = np.unique(BALL.faces[(BALL.faces == vertex).any(axis=1)])
     far = 2 * BALL.vertices[ring].mean(axis=0) - 1.0 * BALL.vertices[vertex]

@@ -1,5 +1,3 @@
-"""Points spread over a surface: spacing, coverage, order and invariance."""
-
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
@@ -49,7 +47,6 @@ def test_number_does_not_depend_on_the_triangulation():
 
 
 def test_larger_spacing_gives_a_subset():
-    """Points of a larger spacing are the first ones of a smaller spacing."""
     found = spread_points(LIMBS)
     assert (found.gaps[1:] <= found.gaps[:-1]).all()
     assert found.gaps[-1] >= SPACING_MIN

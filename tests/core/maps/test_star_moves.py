@@ -1,5 +1,3 @@
-"""Energies of the faces at a vertex: derivatives and minima."""
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

@@ -1,5 +1,3 @@
-"""Symmetries of shapes: exact, moved, renumbered, noisy and missing ones."""
-
 import numpy as np
 import pytest
 import trimesh
@@ -111,7 +109,6 @@ def test_symmetry_moves_with_the_mesh(turn, scale, shift, seed):
 @settings(max_examples=6)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
 def test_noise_hardly_moves_the_plane(level, seed):
-    """Noise hardly moves the plane of symmetry, and the reported error has its size."""
     mesh, rng = HUMAN.normalized(), np.random.default_rng(seed)
     noise = np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01)
     found = detect_symmetry(TriangleMesh(mesh.vertices + noise, mesh.faces), "mirror")

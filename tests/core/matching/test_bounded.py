@@ -29,7 +29,6 @@ def found():
 
 @pytest.mark.parametrize("limit", [0.9, 0.4, 0.15])
 def test_tighter_bound_has_larger_residual(found, limit):
-    """A tighter bound has a larger residual; at least 99% of the faces are within the bound."""
     within = limit_distortion(found, limit)
     distortion = within.distortion()
     logs = np.abs(np.log2([distortion.area, distortion.conformal]))
@@ -56,7 +55,6 @@ def test_match_within_bound_is_unchanged(found):
 
 
 def test_path_is_within_the_bound(found):
-    """The path has the steps within the bound, and the step of the result."""
     within = limit_distortion(found, 0.4)
     sigmas = [each.sigma for each in within.path]
     assert sigmas == sorted(sigmas, reverse=True)
@@ -88,7 +86,6 @@ def match_of(name):
     "name", ["far", "near", "turned", "two fields", "paper", "smaller", "linearised"]
 )
 def test_no_step_within_bound_is_better(name, limit):
-    """The result is at least as good as all steps within the bound and the zero field."""
     found = match_of(name)
     within = limit_distortion(found, limit)
     assert is_within(within, limit)
@@ -107,7 +104,6 @@ def test_no_step_within_bound_is_better(name, limit):
 
 
 def test_landmark_errors_grow_with_tighter_bounds():
-    """Errors grow with tighter bounds; the sigma of landmarks falls along the path."""
     places = [[1, 0, 0], [1, 0.4, 0], [0, 0, 1], [0, 0.4, 1]]
     nearest = [int((MESH.vertices @ place).argmax()) for place in places]
     found = match(Problem(MESH, None, None, landmarks=np.reshape(nearest, (2, 2))))
@@ -124,8 +120,6 @@ def test_landmark_errors_grow_with_tighter_bounds():
 
 
 def test_match_is_unchanged_without_candidates(found):
-    """If no field is within the bound, the match is returned with a warning."""
-
     def measure(each):
         """Return a distortion that exceeds the bound even without motion."""
         return each.distortion().scaled(3.0)

@@ -1,5 +1,3 @@
-"""Matches with distant targets and with several levels."""
-
 import threading
 from dataclasses import replace
 
@@ -49,7 +47,6 @@ def body(name, a, b, width, vertices):
 
 @pytest.mark.parametrize("degrees", [135])
 def test_reach_finds_distant_targets(degrees):
-    """With a reach of 1 the target is found; with 0 the source is squeezed to nothing."""
     (found, _), (failed, _) = (
         matched(degrees, Parameters.of(reach=reach, refine=refine), SMALL, width=0.085)
         for reach, refine in ((1.0, 1), (0.0, 0))
@@ -62,7 +59,6 @@ def test_reach_finds_distant_targets(degrees):
 
 
 def test_distant_target_on_a_body_is_found():
-    """The reach finds the target; with automatic sigma both checks are below 0.35."""
     given = body("human_A.off", 7, 300, 0.1, vertices=500)
     p = Parameters.of(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).residual < 0.3
@@ -75,7 +71,6 @@ def test_distant_target_on_a_body_is_found():
 
 
 def test_field_moves_other_functions_like_a_rotation():
-    """A bump between pole and target, which was not matched, also moves by the rotation."""
     match, _ = matched(60, QUICK, SMALL, 0.2)
     for t in (0.5, 1.0):
         arrived = match.push(at(0, SMALL, 0.2), t)
@@ -153,7 +148,6 @@ def test_match_cancelled_on_coarse_level_is_on_the_mesh(iteration, control):
 
 @pytest.mark.parametrize("is_stabilising", [True, False])
 def test_match_can_be_cancelled_between_two_levels(is_stabilising, control, monkeypatch):
-    """A match cancelled while fields are transferred to a finer mesh has a field on the mesh."""
     evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
     def overflowing(objective, fields):
@@ -197,7 +191,6 @@ def test_cancel_in_second_variant_keeps_the_first(control, after):
 
 
 def test_start_that_misses_the_target_begins_a_search():
-    """A start that misses the target begins a search; others continue on the mesh itself."""
     p, field = (
         QUICK.with_values(levels=2, sigma=0.02),
         rotation_field(SPHERE, [-np.deg2rad(60), 0, 0]),
@@ -219,7 +212,6 @@ def test_start_that_misses_the_target_begins_a_search():
 
 @pytest.mark.parametrize("levels", [1, 2])
 def test_overflowing_start_is_ignored(levels):
-    """A start of noise that makes the discrete flow overflow is ignored."""
     p = QUICK.with_values(iterations=20, levels=levels)
     noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
     with_noise, without = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
@@ -229,7 +221,6 @@ def test_overflowing_start_is_ignored(levels):
 
 
 def test_without_reach_every_start_is_continued():
-    """Without a reach, any start continues on the mesh itself, even if too fast for flow lines."""
     p = QUICK.with_values(iterations=3, reach=0, levels=2)
     _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
@@ -274,7 +265,6 @@ def test_result_is_bitwise_reproducible_with_other_threads():
 
 
 def test_residual_is_nearly_invariant():
-    """Motions, units and renumberings change the residual only by growing rounding errors."""
     mesh = potato(3)
     f, g = (bump(mesh, mesh.vertices[vertex], 0.2) for vertex in (7, 60))
     p = Parameters.of(levels=2, refine=0)
@@ -303,7 +293,6 @@ def test_flow_line_residual_equals_the_verification(mesh):
 
 
 def test_schedule_of_the_paper_uses_only_sigma():
-    """The stages of the paper differ only in sigma, in either unit, with the norm of order 1."""
     p = Parameters.of(
         **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
     )

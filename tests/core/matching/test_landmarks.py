@@ -1,5 +1,3 @@
-"""Matches of landmarks, alone and together with functions."""
-
 import pickle
 
 import numpy as np
@@ -61,7 +59,6 @@ def test_landmarks_alone_are_matched(name):
 
 
 def test_errors_are_those_of_flow_lines(matched):
-    """Residuals and verdict are computed from the errors along flow lines."""
     assert_matched(matched)
     marks = matched.problem.landmarks
     ends = ContinuousFlow(SPHERE, matched.velocity, 1.0).destinations(marks.points(SPHERE))
@@ -75,7 +72,6 @@ def test_errors_are_those_of_flow_lines(matched):
 
 
 def test_exchanged_and_distant_landmarks_match():
-    """Two landmarks exchange places, and another one moves to the opposite point."""
     opposite = int(np.argmin(SMALL.vertices @ SMALL.vertices[3]))
     for pairs in ([[0, 20], [20, 0]], [[3, opposite]]):
         found = abfm.match(abfm.Problem(SMALL, None, None, landmarks=pairs))
@@ -103,7 +99,6 @@ def test_functions_and_landmarks_match_together():
 
 
 def test_landmark_errors_are_consistent(tmp_path):
-    """A saved match loads without a warning, also if flow lines cross thin triangles."""
     mesh = with_thin_triangles(SMALL)
     pairs = np.random.default_rng(3).choice(len(SMALL.vertices), (4, 2), replace=False)
     found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pairs))
@@ -127,7 +122,6 @@ def test_coarser_mesh_leads_to_the_mesh_itself():
 
 
 def test_start_continues_and_failures_have_advice(matched):
-    """A start is continued; landmarks that miss their targets have a cause and a remedy."""
     problem = matched.problem
     short = abfm.match(problem.with_parameters(abfm.Parameters.of(iterations=2)))
     assert short.verdict.kind == "not reached"
@@ -170,7 +164,6 @@ def test_landmarks_survive_files_and_pickling(matched, tmp_path):
 
 
 def test_incomplete_file_is_refused(matched, tmp_path):
-    """Files without faces of the landmarks, or with wrong ones, are refused."""
     arrays = matched.problem.arrays()
     del arrays["landmark_faces"]
     results.save_arrays(tmp_path / "p.npz", arrays, results.PROBLEM)

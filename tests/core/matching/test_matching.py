@@ -1,5 +1,3 @@
-"""The function `match`: residuals, pausing and cancelling, starts, and results."""
-
 import threading
 
 import numpy as np
@@ -48,7 +46,6 @@ def quarter_apart(name, width):
 
 
 def test_defaults_match_within_500_iterations():
-    """The defaults match Gaussians a quarter of the surface apart, confirmed by both checks."""
     counts = []
     # rounding, which differs between processors, changes the number of iterations by a tenth
     for change in (0.0, 2e-13):
@@ -99,7 +96,6 @@ def test_plain_lbfgs_converges_more_slowly():
 
 
 def test_result_agrees_with_independent_computation():
-    """SciPy gives the same advected source and energy; each row of the history is reported."""
     (f, g), seen = pair(SPHERE), []
     p = abfm.Parameters.of(**PAPER, sigma=0.02, cooling_stages=2, iterations=12)
     match = matched(p, on_iteration=seen.append)
@@ -184,7 +180,6 @@ def test_match_cancelled_during_verification_can_continue(skip_checks):
 
 @pytest.mark.parametrize("paused", [False, True])
 def test_cancel_before_the_start_returns_the_start(paused):
-    """A match cancelled before it begins, also if paused, returns its start."""
     control = abfm.workers.Control()
     control.cancel()
     if paused:
@@ -216,7 +211,6 @@ def test_resume_after_pause_gives_the_same_result():
 
 
 def test_start_continues_from_its_field():
-    """The energy continues to fall, also with other segments and the schedule of the paper."""
     p = abfm.Parameters.of(iterations=10, cooling_stages=1, sigma=0.01, reach=0)
     first = matched(p)
     second = matched(p, start=first.velocity)

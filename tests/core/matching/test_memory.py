@@ -1,5 +1,3 @@
-"""Matches that run out of memory, and the release of their workspaces."""
-
 import gc
 import sys
 import weakref
@@ -52,8 +50,6 @@ def test_result_is_best_field_so_far(monkeypatch, tmp_path):
 
 
 def test_match_survives_failed_verification(monkeypatch):
-    """The residual along flow lines is unknown if memory runs out during the check."""
-
     def fail(*_):
         raise MemoryError
 
@@ -80,8 +76,6 @@ def test_earlier_variant_survives_out_of_memory(monkeypatch, count, levels):
 
 
 def test_memory_error_without_a_field_is_raised(monkeypatch):
-    """A MemoryError before the first field, or of a callback, is raised."""
-
     def note(now):
         if now.iteration == 3:
             raise MemoryError("of the caller")
@@ -137,7 +131,6 @@ def _meshes(mesh):
 @pytest.mark.parametrize("variant", VARIANTS.values(), ids=VARIANTS.keys())
 @pytest.mark.parametrize("cancelled", [False, True])
 def test_match_releases_its_workspaces(alive, variant, cancelled):
-    """A completed or cancelled match leaves no workspace in memory."""
     control, shapes = Control(), []
 
     def record(now):

@@ -71,7 +71,7 @@ def test_offset_changes_neither_path_nor_verdict(offset):
 
 
 def test_a_large_constant_hides_no_residual():
-    """Relative to the norm of the target, as in the paper, almost everything would match."""
+    """Relative to the norm of the target, as in the paper, almost any residual would be small."""
     f, g = (bump(EGG, place, 0.13) + 3 for place in ([1, 0, 0], [0, 0, 0.55]))
     unmoved = abfm.match(EGG, f, g, Parameters.of(iterations=0))
     assert unmoved.mismatch < 0.15

@@ -1,5 +1,3 @@
-"""The path of a match: measurements along flow lines, steps as matches, table and files."""
-
 import csv
 import math
 from dataclasses import replace
@@ -37,7 +35,6 @@ def longer(found):
 
 
 def test_distortion_of_known_flows_is_exact():
-    """The distortion is exact for the zero flow, a rotation, and an expansion of the plane."""
     sphere = icosphere(4)
     energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))
     centres = sphere.normalized().vertices[sphere.faces].mean(axis=1)
@@ -59,7 +56,6 @@ def test_distortion_of_known_flows_is_exact():
 
 
 def test_path_contains_the_match(found, longer):
-    """A given path is stored, and its other steps can be returned as matches."""
     step = found.path[found.step]
     assert step.velocity is found.velocity
     for name in ("residual", "verified_residual", "folded"):
@@ -96,7 +92,6 @@ def test_file_without_a_path_has_one_step(longer, tmp_path):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_path_survives_saving(seed, found, tmp_path):
-    """Steps with different numbers of fields, on the mesh or on subdivisions, are restored."""
     random = np.random.default_rng(seed)
     steps = []
     for _ in range(random.integers(1, 5)):

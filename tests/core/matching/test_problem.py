@@ -1,5 +1,3 @@
-"""Problems: checks of their inputs, digests, files and pickling."""
-
 import pickle
 import subprocess
 import sys
@@ -39,7 +37,6 @@ def made(request):
 
 
 def test_match_accepts_problem_or_its_arguments():
-    """A problem and its arguments give the same result, and cannot be combined."""
     made = problem()
     one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
@@ -92,7 +89,6 @@ def test_digest_depends_on_all_inputs():
 
 
 def test_digest_distinguishes_equal_array_names(tmp_path):
-    """Terms with arrays of the same name have different digests, and cannot be saved."""
     other, same = (FunctionTerm(SPHERE.normalized(), H, g) for g in (F, G))
     made = [abfm.Problem(SPHERE, F, G, terms=[term]) for term in (other, same)]
     made += [abfm.Problem(SPHERE, G, F, terms=[other]), abfm.Problem(SPHERE, H, F)]
@@ -112,7 +108,6 @@ def test_problem_copies_its_inputs(value):
 
 
 def test_problem_is_immutable():
-    """A problem is immutable, and its text and that of its match are short."""
     with pytest.raises(AttributeError, match="parameters"):
         problem().parameters = P
     made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))
@@ -168,7 +163,6 @@ def test_other_files_are_refused(tmp_path):
 
 
 def test_missing_values_are_masked_with_a_warning():
-    """NaN in one of the functions has the effect of a mask of 0."""
     f, missing = F.copy(), np.arange(len(F)) < 9
     f[missing] = np.nan
     with pytest.warns(abfm.errors.AbfmWarning, match="9 of 162 vertices have no value"):

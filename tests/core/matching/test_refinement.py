@@ -30,7 +30,6 @@ def random_points(mesh, count=200):
 
 @pytest.mark.parametrize("k", [0, 1, 3])
 def test_points_on_subdivisions_round_trip(k):
-    """Converted points have the same positions and the same values of linear functions."""
     points = random_points(BALL)
     there = to_children(points.faces, points.barycentric, k)
     assert_allclose(SurfacePoints(refined(BALL, k), *there).positions, points.positions, atol=1e-13)
@@ -58,7 +57,6 @@ def test_mean_of_children_is_weighted_by_area():
 @pytest.mark.parametrize("method", ["nonlinear", "linearised"])
 @pytest.mark.parametrize("k", [1, 2])
 def test_flow_of_finer_fields_uses_the_finer_mesh(k, method):
-    """Results at vertices are those of the finer mesh, for functions, maps and flow lines."""
     fine, count = refined(BALL, k), len(BALL.vertices)
     fields = np.stack([0.1 * wavy_field(fine, seed) for seed in (0, 1)])
     here, there = Flow(BALL, fields, 2.0, method), Flow(fine, fields, 2.0, method)
@@ -80,7 +78,6 @@ def test_flow_of_finer_fields_uses_the_finer_mesh(k, method):
 
 
 def test_flow_lines_of_finer_fields_use_the_finer_mesh():
-    """Lines are those of the finer mesh; their points refer to faces of the mesh itself."""
     fine, points = refined(BALL, 1), random_points(BALL, 5)
     field = wavy_field(fine, 2)
     there = SurfacePoints(fine, *to_children(points.faces, points.barycentric))
@@ -99,7 +96,6 @@ def test_fields_with_a_wrong_number_of_faces_are_refused(faces):
 
 
 def test_refined_problem_extends_the_problem():
-    """Values of the old vertices are unchanged, and subdivisions can be repeated."""
     random = np.random.default_rng(0)
     f, g = random.normal(size=(2, len(BALL.vertices), 2))
     start, mask = wavy_field(BALL, 0)[None], random.uniform(0, 1, len(BALL.vertices))
@@ -129,7 +125,6 @@ def test_other_data_terms_are_interpolated():
 
 
 def test_refined_start_is_more_accurate_than_copies():
-    """A start on a subdivided mesh has below 35% of the error of fields copied to child faces."""
     for k in (0, 1):
         ball = refined(icosphere(3), k)
         axis, mesh = [0.3, 0.5, 1], refined(ball, 1)
@@ -152,7 +147,6 @@ def test_finer_start_is_used_on_its_own_mesh():
 
 
 def test_specs_are_evaluated_on_finer_meshes(tmp_path):
-    """Functions of files, curvature and other values are interpolated."""
     np.save(tmp_path / "v.npy", values := np.arange(len(BALL.vertices), dtype=float))
     from_file = f"file:{tmp_path / 'v.npy'}"
     evaluated = ["gaussian:vertex=3,width=0.2", "coordinate:x + geodesic:vertex=7"]

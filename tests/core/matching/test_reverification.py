@@ -39,7 +39,6 @@ def reloaded(found, path, **changes):
 
 
 def test_saved_match_agrees_with_its_field(found, tmp_path):
-    """Rounding and small differences of the residual cause no warning."""
     loaded = reloaded(found, tmp_path / "m.npz")
     assert loaded.load_warning == ""
     assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
@@ -51,7 +50,6 @@ def test_saved_match_agrees_with_its_field(found, tmp_path):
 
 
 def test_zero_field_is_recomputed(found, tmp_path):
-    """If the field of a file is set to zero, its numbers become those of the zero field."""
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
     check_message(loaded.load_warning, f"{found.residual:.3g}")
@@ -76,7 +74,6 @@ def test_zero_field_is_recomputed(found, tmp_path):
     ],
 )
 def test_changes_above_rounding_cause_a_warning(found, tmp_path, changes, has_warning):
-    """Changed residuals, advected sources or targets in a file cause a warning."""
     loaded = reloaded(found, tmp_path / "m.npz", **changes)
     assert bool(loaded.load_warning) == has_warning
     check_message(loaded.load_warning)
@@ -92,7 +89,6 @@ def test_verdict_better_than_residual_is_replaced(found, tmp_path):
 
 
 def test_overflowing_field_is_not_reached(found, tmp_path):
-    """A field whose flow overflows loads with a warning and the outcome "not reached"."""
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: lambda v: 1e9 * v})
     check_message(loaded.load_warning)

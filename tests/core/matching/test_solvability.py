@@ -93,7 +93,6 @@ def test_bound_of_known_functions_is_exact():
 
 
 def test_masked_values_do_not_affect_the_bound():
-    """Values below a mask, and channels of weight 0, do not affect bounds and constancy."""
     source, target, mask, flat = at(0), at(0).copy(), np.ones(COUNT), np.full(COUNT, 0.3)
     target[:5], mask[:5] = 9, 0
     assert range_bound(term(source, target)) > 0.5
@@ -340,7 +339,7 @@ DIAGRAMS = st.lists(st.tuples(*[st.integers(0, 9)] * 2).filter(lambda row: row[0
 
 @given(DIAGRAMS.filter(lambda rows: len(rows) < 4), DIAGRAMS.filter(lambda rows: len(rows) < 4))
 def test_unpaired_peaks_agree_with_all_pairings(one, other):
-    """No peak is unpaired at differences from the bottleneck distance of all pairings on."""
+    """Peaks are unpaired only at differences below the bottleneck distance of all pairings."""
     here, there = ([*rows, *[None] * len(others)] for rows, others in ((one, other), (other, one)))
 
     def cost(a, b):
@@ -371,7 +370,6 @@ def test_resolution_of_a_gaussian_is_its_width(width):
 
 
 def test_resolution_is_invariant():
-    """Scale, offset and unit do not change the resolution; a subdivision doubles it."""
     mesh = torus(60, 40)
     f = gaussian(mesh, 100, 4)
     found = resolution(mesh, f)

@@ -51,7 +51,6 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_matches_are_in_the_order_of_the_problems(executor):
-    """Matches equal those of `match`, in the order of the problems, with their meshes."""
     problems = [problem(index, mesh=SPHERE if index % 2 else OTHER) for index in range(6)]
     found = list(solve_many(iter(problems), executor))
     for one, of in zip(found, problems, strict=True):

@@ -31,7 +31,6 @@ def test_missing_file_with_the_name_of_an_asset(tmp_path):
 
 
 def test_human_symmetry_maps_faces_to_faces():
-    """The symmetry of the human maps faces to faces, and applied twice it is the identity."""
     opposite = np.loadtxt(asset_path("human.symperm.txt"), dtype=int)
     mesh = load_mesh(asset_path("human_A.off"))
     np.testing.assert_array_equal(opposite[opposite], np.arange(len(mesh.vertices)))

@@ -94,7 +94,6 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_bad_file_error_begins_with_its_name(tmp_path, name):
-    """The error is one line, without messages of Python or NumPy."""
     content, named = BAD_FILES[name]
     path = write(tmp_path, name, content)
     with raises(MeshError, *named) as caught:

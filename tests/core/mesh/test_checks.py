@@ -100,7 +100,6 @@ REFUSED = {
 
 @pytest.mark.parametrize(("vertices", "faces", "named"), REFUSED.values(), ids=REFUSED)
 def test_invalid_mesh_is_refused(vertices, faces, named):
-    """An invalid mesh is refused; with the options that the error advises, it becomes usable."""
     with raises(MeshError, *named) as caught:
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
@@ -116,7 +115,6 @@ def test_indices_from_1_are_named():
 
 
 def test_errors_use_numbers_of_the_input():
-    """Errors have vertex numbers of the input, before vertices or components are dropped."""
     vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
     faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
     vertices = np.concatenate([np.zeros((2, 3)), vertices])
@@ -136,7 +134,6 @@ def test_largest_component_has_largest_area():
 
 
 def test_unused_vertices_are_dropped():
-    """Unused vertices are dropped, even if their coordinates are not finite."""
     unused = [[np.nan, 0, 0], [1e300, 0, 0], [7, 7, 7]]
     kept = np.delete(np.arange(45), [0, 6, 44])
     mesh = TriangleMesh(np.insert(SPHERE.vertices, [0, 5, 42], unused, axis=0), kept[SPHERE.faces])
@@ -220,7 +217,6 @@ def test_normalized_mesh_differs_only_in_scale():
 
 @given(power=st.integers(-55, 55))
 def test_sliver_check_is_scale_invariant(power):
-    """A triangle of aspect ratio 1e-9 is accepted, and one of 1e-13 is refused."""
     sliver, flat = (TRIANGLE * [1, height, 1] * 10.0**power for height in (1e-9, 1e-13))
     assert TriangleMesh(sliver, ONE).messages == ()
     with raises(MeshError):
@@ -229,7 +225,7 @@ def test_sliver_check_is_scale_invariant(power):
 
 @given(power=st.integers(-12, 12), seed=st.integers(0, 2**32 - 1))
 def test_flat_faces_are_scale_and_rotation_invariant(power, seed):
-    """Heights of 1e-11 and 1e-13 of the longest edge decide, also if another edge is short."""
+    """A face with a height of 1e-11 times its longest edge is usable; with 1e-13 it is flat."""
     frame, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     for height, usable in ((1e-11, True), (1e-13, False)):
         for place in (0.3, 1.0 + 1e-5):
@@ -256,7 +252,6 @@ def test_large_offset_causes_a_warning(power):
 
 
 def test_too_many_faces_are_refused_early(monkeypatch):
-    """More faces than pairs of vertices are refused before edges are built."""
     mesh = tetrahedron()
     monkeypatch.setattr("abfm.mesh.checks.edges_of_faces", None)
     monkeypatch.setattr("abfm.mesh.checks.FACES_MAX", 0)
@@ -269,7 +264,6 @@ def flipped(faces, which):
 
 
 def same_up_to_rotation(faces, others):
-    """Return whether corresponding faces have the same cyclic order of vertices."""
     pairs = zip(faces, others, strict=True)
     return all(any(np.array_equal(np.roll(a, k), b) for k in range(3)) for a, b in pairs)
 
@@ -312,7 +306,6 @@ def test_open_surfaces_keep_the_majority_orientation(shape, data):
 
 
 def test_consistent_inward_faces_are_kept():
-    """Consistent inward faces are kept, but inconsistent ones become outward."""
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
     assert mesh.messages == ()
     assert volume(mesh) < 0
@@ -341,7 +334,6 @@ def test_moebius_strip_is_refused_for_any_orientation(flips):
 
 
 def test_inside_out_is_detected():
-    """A closed surface with inward faces is inside out; a flat surface never is."""
     for mesh in (icosphere(2), torus(12, 8), open_cylinder(12, 4)):
         vertices = mesh.vertices + np.array([7.0, -3.0, 2.0])
         sides = [TriangleMesh(vertices, faces) for faces in (mesh.faces, mesh.faces[:, ::-1])]

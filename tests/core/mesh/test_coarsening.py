@@ -31,7 +31,6 @@ EACH_SURFACE = pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
 @pytest.mark.parametrize("share", [0.6, 0.25, 0.12])
 @EACH_FINE
 def test_coarsening_preserves_topology(fine, share):
-    """A coarse mesh has the topology of the mesh and about the requested number of vertices."""
     requested = int(share * len(fine.vertices))
     coarse = coarsened(fine, requested)
     assert requested * 0.95 <= len(coarse.vertices) <= 1.2 * requested
@@ -43,7 +42,6 @@ def test_coarsening_preserves_topology(fine, share):
 
 @EACH_FINE
 def test_coarse_mesh_approximates_the_surface(fine):
-    """Coarse and fine surfaces are within a few edges of each other, with similar normals."""
     coarse = coarsened(fine, len(fine.vertices) // 4)
     edge = fine.length_scale / np.sqrt(len(coarse.faces))
     middles = coarse.vertices[coarse.faces].mean(axis=1)
@@ -85,7 +83,6 @@ def test_slivers_collapse_first():
 
 
 def test_coarsening_is_reproducible_and_cached():
-    """Coarse meshes are cached, and scaling by powers of two changes no face."""
     mesh, one = FINE["body"], coarsened(FINE["body"], 300)
     for unit in (1.0, 2.0**20, 2.0**-20):
         other = coarsened(TriangleMesh(unit * mesh.vertices, mesh.faces), 300)
@@ -110,7 +107,6 @@ def test_impossible_coarsening_returns_none(mesh, count):
 
 @EACH_SURFACE
 def test_children_cover_their_parent(mesh):
-    """The four children of a face cover it, and subdivision preserves the topology."""
     fine = subdivided(mesh)
     assert_allclose(face_areas(fine), np.repeat(face_areas(mesh) / 4, 4))
     normals = np.repeat(face_normals(mesh), 4, axis=0)

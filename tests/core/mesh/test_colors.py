@@ -141,7 +141,6 @@ def test_moved_surfaces_are_identified_by_numbers(tmp_path):
 
 
 def test_colors_fit_a_repaired_mesh(tmp_path):
-    """Colours fit a mesh with flipped faces and without one component of the file."""
     two = np.concatenate([MESH.vertices, 0.2 * MESH.vertices + 5])
     faces = np.concatenate([MESH.faces, MESH.faces + len(MESH.vertices)])
     faces[::2] = faces[::2, [1, 0, 2]]
@@ -188,7 +187,6 @@ def test_mtl_materials_are_read(tmp_path):
 
 
 def test_vertex_colors_are_read(tmp_path):
-    """Vertex colours of PLY, OBJ and glTF are read; those of glTF are linear."""
     mesh = tetrahedron()
     colors = np.array([[255, 0, 51, 255], [0, 102, 255, 51], [204, 204, 204, 255], [1, 2, 3, 4]])
     expected = (colors / 255)[mesh.faces]
@@ -248,7 +246,6 @@ def test_gltf_texture_coordinates_and_samplers_are_read(tmp_path):
 
 
 def test_gltf_texture_transforms_and_factors_are_applied(tmp_path):
-    """Transforms and colour factors apply to a texture whose image is a separate file."""
     write(tmp_path, "i i.png", image())
     transform = {"KHR_texture_transform": {"scale": [2, 0.5], "offset": [0.25, 0]}}
     base = {"baseColorTexture": {"index": 0, "extensions": transform}}
@@ -314,7 +311,6 @@ def test_invalid_gltf_colors_are_refused(tmp_path, changes, named):
     ],
 )
 def test_invalid_obj_colors_are_refused(tmp_path, text, named):
-    """Invalid colours in OBJ files, and files of another surface, are refused."""
     write(tmp_path, "i.png", image())
     write(tmp_path, "o.mtl", b"newmtl a\nmap_Kd -s 2 2 2 i.png\n")
     write(tmp_path, "d.mtl", b"newmtl a\nmap_Kd i.png\n")

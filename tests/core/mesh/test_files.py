@@ -352,7 +352,6 @@ def in_space(random, plane):
 @pytest.mark.parametrize("make", [star, untangled])
 @given(seed=seeds, count=st.integers(4, 25))
 def test_triangles_cover_a_simple_polygon_once(make, seed, count):
-    """All normals agree, and the areas add up to that of the polygon."""
     random = np.random.default_rng(seed)
     plane = make(random, count)
     points = in_space(random, plane)

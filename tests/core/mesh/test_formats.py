@@ -60,7 +60,6 @@ TEXT_STL = exported(SPHERE.vertices, SPHERE.faces, "stl_ascii")
 
 
 def test_text_stl_without_end_is_read(tmp_path):
-    """A text STL without its last line is read, and a byte order mark is ignored."""
     mesh = load_mesh(write(tmp_path, "a.stl", b"\xef\xbb\xbf" + TEXT_STL))
     assert mesh.is_closed
     end = TEXT_STL.rindex(b"endsolid")

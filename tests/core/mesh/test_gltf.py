@@ -347,7 +347,6 @@ def test_animations_are_reported(tmp_path):
 
 
 def test_primitives_share_their_vertices(tmp_path):
-    """Any number of primitives share vertices; only the number of placed copies is limited."""
     parts = [_primitive() for _ in range(3000)]
     _, content = _with_arrays([], meshes=[{"primitives": parts}])
     found = gltf.read_gltf(open_file(write(tmp_path, "a.glb", content)))

@@ -80,7 +80,6 @@ def test_off_variants_give_the_same_mesh(tmp_path, content):
 
 @pytest.mark.parametrize(("prefix", "more"), [("", 0), ("N", 3), ("C", 4), ("STCN", 9), ("4", 1)])
 def test_binary_off_is_read(tmp_path, prefix, more):
-    """Binary OFF files are read, and truncated ones are refused."""
     content = f"{prefix}OFF BINARY\n".encode() + struct.pack(">3i", 5, 5, 8)
     content += b"".join(struct.pack(f">{3 + more}f", *point, *[1] * more) for point in POINTS)
     for number, polygon in enumerate(POLYGONS):

@@ -44,7 +44,6 @@ def same_topology(mesh, other):
 
 @given(shape=shapes, seed=seeds, jitter=st.sampled_from([0.0, 1e-7]), power=st.integers(-9, 9))
 def test_merging_undoes_splitting(shape, seed, jitter, power):
-    """In any unit of length, merging keeps the first vertex of the file and drops its copies."""
     vertices, faces, was = split(shape, np.random.default_rng(seed), jitter)
     mesh = TriangleMesh(vertices * 10.0**power, faces, merge=True)
     assert len(mesh.vertices) == len(shape.vertices)
@@ -72,7 +71,6 @@ def test_valid_mesh_is_not_changed(shape):
 
 
 def test_merging_is_reported():
-    """A message has the number of merged vertices; vertices without faces are not merged."""
     vertices = np.concatenate([SPHERE.vertices[:1], SPHERE.vertices, SPHERE.vertices[[3]]])
     faces = SPHERE.faces + 1
     faces[np.argwhere(faces == 4)[0][0], np.argwhere(faces == 4)[0][1]] = 43
@@ -131,7 +129,6 @@ def test_values_that_differ_between_copies_are_reported():
 
 
 def test_copies_are_stored_in_files():
-    """Copies of merged vertices are stored in files and preserved by subdivisions."""
     vertices, faces, _ = split(SPHERE, np.random.default_rng(1))
     mesh = TriangleMesh(vertices, faces, merge=True)
     read = results.mesh_of(results.mesh_arrays(mesh))
@@ -326,7 +323,6 @@ def test_surface_without_extent_has_no_hemispheres():
 
 
 def test_remaining_defect_is_reported():
-    """If the larger of two components has an edge with four faces, the error reports it."""
     one = tetrahedron()
     other = TriangleMesh(one.vertices * [1, 1, -1] + [0, 0, 4], one.faces[:, ::-1])
     vertices = np.concatenate([one.vertices, one.vertices + np.array([0, 0, 9])])

@@ -28,7 +28,6 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - begin)
 
 
 def test_released_factorisations_leak_no_memory():
-    """Released factorisations free their memory and print no leak report at exit."""
     done = python(REPEATED_FACTORISATION, check=True)
     assert not done.stderr
     each = int(done.stdout) * (1 if sys.platform == "darwin" else 1024) / TIMES

@@ -39,7 +39,6 @@ def rosenbrock(x):
 
 
 def test_rosenbrock_minimum_equals_scipy():
-    """The minimum is that of SciPy, and a start at the minimum is converged."""
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
     expected = minimize(rosen, start, jac=rosen_der, method="BFGS").x
@@ -83,7 +82,6 @@ def test_infinite_energies_shorten_the_step():
 
 
 def test_failed_line_search_keeps_the_iterate():
-    """If no step lowers the energy, the iterate stays and the reason is "line search failed"."""
     search = LBFGS(lambda x: Point(float(x @ x), -2 * x))
     state, energies = run(search, [1.0, 2.0])
     assert search.stop_reason(state) == "line search failed"
@@ -153,7 +151,6 @@ def test_slopes_are_computed_only_at_low_values():
 
 
 def test_plain_search_is_rotation_invariant():
-    """Without a preconditioner, rotated unknowns give rotated iterates."""
     rotation = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0]
     bend = np.logspace(0, 3, 8)
 

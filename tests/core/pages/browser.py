@@ -52,8 +52,6 @@ def browser():
 
 
 class Shown:
-    """An open page."""
-
     def __init__(self, driver, address, ready=_DRAWN):
         self.driver = driver
         self.resize(*SIZE)

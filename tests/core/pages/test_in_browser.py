@@ -76,7 +76,6 @@ def page(*panels, clock=CLOCK):
 
 
 def test_time_bar_interpolates_frames(open_page):
-    """The time bar shows frames, and interpolates between them."""
     shown = open_page(page())
     np.testing.assert_allclose(shown.centre(), color_of(0.0), atol=4)
     shown.go(Keys.END, 14.0)
@@ -485,7 +484,6 @@ def test_layout_fits_phone_and_wide_screens(open_page, size):
 
 
 def test_static_pages_fit_a_phone(driver, tmp_path):
-    """Wide tables, long names and long reasons do not make a page wider than a phone."""
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
     reason = "a/" * 60 + "b.off: there is no such file"
     failed = SummaryRow(LedgerEntry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))

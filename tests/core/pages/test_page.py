@@ -68,7 +68,6 @@ def text():
 
 
 def test_page_of_60_frames_is_below_2_megabytes():
-    """A page of 60 frames on 10,242 vertices is below 2 MB."""
     mesh = icosphere(5)
     rng = np.random.default_rng(0)
     noisy = wave(mesh, 60) + 0.1 * rng.normal(size=(60, 10_242))

@@ -192,7 +192,6 @@ def test_omitted_channels_are_noted():
     ("frames", "seconds"), [(2, PLAY_SECONDS_MIN), (100, 15.0), (300, PLAY_SECONDS_MAX)]
 )
 def test_play_time_depends_on_the_number_of_frames(frames, seconds):
-    """A page plays for 0.15 s per frame, but at least 4 s and at most 30 s."""
     assert (PLAY_SECONDS_MIN, PLAY_SECONDS_MAX) == (4.0, 30.0)
     assert clock_of(list(range(frames)), Labels()).seconds == pytest.approx(seconds)
 

@@ -70,7 +70,6 @@ def test_few_subjects_have_no_outliers():
 
 
 def test_equally_different_subjects_are_included():
-    """Twelve subjects with equally strong noise have no outlier."""
     assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 

@@ -157,7 +157,6 @@ def error(mean, f=height):
 
 
 def test_equal_subjects_equal_their_mean(tmp_path):
-    """The mean of equal subjects is the subject, with variance 0."""
     place = Place(tmp_path)
     for name in "abc":
         place.add(name, height(MESH.vertices))
@@ -310,7 +309,6 @@ def test_repeated_run_solves_only_missing_rows(population_folder, population, so
 
 @pytest.mark.parametrize("at_edges", [False, True])
 def test_sent_files_give_the_same_transfer(population_folder, population, at_edges):
-    """Workers without access to files compute equal values, with or without a held-out channel."""
     out, first = population_folder.folder / "out", population_folder.subjects[0]
     mask, drift = "expression:1 + 0.5*x", next((out / "targets").glob("round-2-drift-*.npy"))
     one = SubjectTransfer(
@@ -562,7 +560,6 @@ def test_spectral_initial_maps_need_no_functions(tmp_path):
 
 
 def test_heavier_channel_is_matched(tmp_path):
-    """Of two channels with opposite motions, the one with the larger weight is matched."""
     place, still = Place(tmp_path), pushed(FIELDS["still"], height)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height), pushed(-FIELDS[name], label))
@@ -738,7 +735,6 @@ def test_goal_of_pure_noise_is_at_most_1(tmp_path):
 
 
 def test_masked_values_change_no_bit(tmp_path):
-    """Arbitrary values below the mask of all subjects change no result."""
     hidden = MESH.vertices[:, 0] < -0.4
 
     def registered(name, junk):

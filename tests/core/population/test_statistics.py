@@ -106,7 +106,6 @@ def test_distance_is_relative_to_deviation():
 
 
 def test_phase_and_amplitude_add_up_to_variance():
-    """Phase and amplitude add up to the variance exactly, for any functions."""
     x, y = RNG.normal(size=(2, 5, 40))
     shares = RNG.uniform(0, 1, x.shape)
     part = phase_and_amplitude(moments(x, shares), moments(y), AREAS)

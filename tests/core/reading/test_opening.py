@@ -87,7 +87,6 @@ def test_compressed_files_are_decompressed(tmp_path: Path) -> None:
     ],
 )
 def test_other_contents_are_named(tmp_path: Path, name: str, data: bytes, reason: str) -> None:
-    """Errors name the content, such as a web page, of a file with another ending."""
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(ValueError, match=reason):
@@ -102,5 +101,4 @@ def test_spreadsheet_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 def test_text_encodings_are_detected(encoding: str) -> None:
-    """Encodings are detected, and line ends of all systems become line feeds."""
     assert decoded("v 1 2\r\né\rx\n".encode(encoding)) == "v 1 2\né\nx\n"

@@ -33,7 +33,6 @@ def linear(mesh, turn=None):
 
 @pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
 def test_functions_are_transferred_to_corresponding_points(a, b):
-    """A transferred linear function has the values at the corresponding points."""
     found = spheres(a, b)
     for by in ("point", "area"):
         transferred = found.transfer(linear(a, TURN), by)
@@ -77,7 +76,6 @@ def test_labels_are_not_averaged():
 
 
 def test_labels_of_series_and_masked_arrays():
-    """Labels in a Series are ordered by its index, and masked labels are refused."""
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     expected = found.transfer_labels(labels)
@@ -89,7 +87,6 @@ def test_labels_of_series_and_masked_arrays():
 
 
 def test_points_return_after_a_round_trip():
-    """Points return exactly after a round trip, and vertices map to nearest vertices."""
     found = spheres(FINE, COARSE)
     on_b = found.transfer_points(np.arange(40))
     assert_allclose(found.points.at(on_b).positions, FINE.vertices[:40], atol=1e-12)
@@ -183,7 +180,6 @@ def test_map_by_equal_faces():
 
 
 def test_functions_have_the_vertices_of_the_file():
-    """Functions include the vertices that no face uses, which a mesh drops."""
     loose = with_loose_vertex(FINE)
     found = spheres(loose, COARSE)
     h = np.arange(len(FINE.vertices) + 1.0)

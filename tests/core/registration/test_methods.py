@@ -39,7 +39,6 @@ def pairs(count=4, seed=0):
 
 
 def test_registration_by_landmarks_only(tmp_path):
-    """Three landmarks suffice for a registration, and files store the result."""
     on_a, on_b = pairs()
     found = register(OTHER, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
@@ -144,7 +143,6 @@ def test_stretched_body_gives_a_warning():
 
 
 def test_distorted_maps_give_a_warning():
-    """A distorted initial map gives a warning, but not if it was given by the user."""
     long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
     closest = initial_map("closest", MapInput(OTHER, long))
     assert closest.correspondence.distortion().log2_shape.mean > 1.2

@@ -54,8 +54,6 @@ def test_rotation_between_spheres_is_found(seed):
 
 
 def test_sphere_is_not_rotated_without_a_gain():
-    """If all rotations about z are equally good, spheres are not rotated, also if flipped."""
-
     def heights(mesh, values):
         return SphereFunctions(SphereLayout(mesh, mesh.vertices), values[None])
 
@@ -145,7 +143,6 @@ def test_earlier_steps_of_files_have_less_distortion(found, tmp_path):
 
 
 def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
-    """With an uncertain initial map the outcome is "not reached", whatever the residual is."""
     assert found.facts.outcome.is_good
     warned = Registration(found.initial, found.match, (), found.functions, ("it may be wrong",))
     warned.save(tmp_path / "r.npz")
@@ -160,7 +157,6 @@ def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
 
 
 def test_facts_are_those_of_the_complete_map(found):
-    """Residual and distortion are those of the complete map from A to B."""
     numbers, target = found.facts.numbers, found.match.problem.functions
     transferred = found.points.pull_back(found.functions)
     assert numbers["map_residual"] == pytest.approx(target.residual(transferred.T))
@@ -186,7 +182,6 @@ def test_residual_of_the_complete_map_counts(found):
     ("noise", "kind"), [(0.0, "matched"), (0.1, "nearly"), (1.0, "not reached")]
 )
 def test_verdict_of_the_complete_map(noise, kind):
-    """A match that is exact on B is not reached if the functions differ on A."""
     heights = B.vertices[:, 2]
     match = abfm.match(B, heights, heights, Parameters.of(iterations=1, refine=0))
     assert match.verdict.kind == "matched"
@@ -323,7 +318,6 @@ def test_channels_of_weight_0_do_not_change_parameters():
 
 
 def test_mirrored_spheres_are_read_from_files(tmp_path):
-    """Spheres are read from files whose names contain commas, and mirrored."""
     body_a, body_b = (
         TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)
         for m in (A, B)

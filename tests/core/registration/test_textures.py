@@ -44,7 +44,6 @@ def by_longitude(mesh):
 
 @pytest.mark.parametrize("mesh", [tetrahedron(), icosphere(1), square(3)])
 def test_identity_converges_with_texture_size(mesh):
-    """Errors on the same surface have second order in the size of a texel."""
     x, y, z = mesh.vertices.T / mesh.length_scale
     places = 2 * np.stack([x, y + z / 2], axis=1)[mesh.faces]
     texture = Texture(mesh, places, [waves(1024, 1024, 8)])
@@ -60,7 +59,6 @@ def test_identity_converges_with_texture_size(mesh):
 
 
 def test_texture_is_transferred_to_a_rotated_sphere():
-    """Points in the same direction have the same colour."""
     a = icosphere(2)
     other, _, _ = renumbered(a, 3)
     b = TriangleMesh(TURN.apply(other.vertices.copy()), other.faces)

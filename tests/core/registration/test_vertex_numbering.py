@@ -28,7 +28,6 @@ def read(path, pairs, b=B, **options):
 @pytest.mark.parametrize("count", [5, 8, 20])
 @pytest.mark.parametrize("seed", range(4))
 def test_only_shifted_landmarks_give_a_warning(tmp_path, seed, count):
-    """Correct numbers, and any numbers on meshes with the same faces, give no warning."""
     of_a = np.random.default_rng(seed).choice(np.arange(1, 1200), count, replace=False)
     pairs = np.stack([of_a, TRUE[of_a]], axis=1)
     assert read(tmp_path / "p.csv", pairs)[1] == []

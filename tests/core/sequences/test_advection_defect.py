@@ -17,7 +17,6 @@ from tests.shapes import icosphere
 
 
 def test_quadratic_functions_are_exact():
-    """Quadratic functions are exact on a regular grid, except near its boundary."""
     x, y = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9), indexing="ij")
     x, y, corner = x.ravel(), y.ravel(), np.arange(81).reshape(9, 9)
     a, b, c, d = (

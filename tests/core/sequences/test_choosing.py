@@ -1,5 +1,3 @@
-"""The choice of the norm of fields and of sigma by held-out data."""
-
 import numpy as np
 import pytest
 
@@ -25,7 +23,6 @@ def choice(sequence):
 
 
 def test_smooth_motion_gets_the_smoother_norm(found):
-    """For a rotation, held-out patches choose the norm of order 2, which is stored."""
     assert choice(found)[0] == 2
     assert found.parameters.automatic == ("alpha", "order")
     assert found.parameters.sigma is None
@@ -62,8 +59,6 @@ def test_only_the_norm_can_be_automatic():
 
 
 def test_resumed_run_keeps_the_choice(found, tmp_path):
-    """A resumed run reads the choice, and gives the same result bit for bit."""
-
     class KilledError(Exception):
         pass
 

@@ -1,5 +1,3 @@
-"""Zeros of fields: their number, kinds and places."""
-
 import numpy as np
 import pytest
 from hypothesis import given

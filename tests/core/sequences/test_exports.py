@@ -1,5 +1,3 @@
-"""Exports of sequences, read by other programs."""
-
 import csv
 import re
 from dataclasses import replace
@@ -115,7 +113,6 @@ def test_cancelled_export_changes_no_files(tmp_path):
 
 
 def test_surplus_frames_of_a_longer_sequence_are_removed(tmp_path):
-    """Frames of an earlier, longer export are removed; other files in the folder remain."""
     path, folder = tmp_path / "a(1).pvd", tmp_path / "a(1)"
 
     def names():
@@ -160,7 +157,6 @@ def test_pvd_follows_links_of_its_folder(tmp_path):
 
 
 def test_vertex_speed_of_a_rotation_is_accurate():
-    """The error of the speed is of the order of the squared edge length."""
     middles = MESH.vertices[MESH.faces].mean(axis=1)
     turning = np.cross([0, 0, SPEED], middles)
     found = vertex_speed(replace(solved(), velocity=np.stack([turning, 2 * turning])))

@@ -111,7 +111,6 @@ def test_interpolation_equals_the_frames_at_both_ends():
 
 
 def test_two_frames_have_none_to_hold_out():
-    """Of two frames none can be held out, so motion is used where both checks confirm it."""
     frames, _ = rotating_pattern(SPHERE, 0.1, 2)
     moving = abfm.sequence(SPHERE, frames, parameters=FAST)
     jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=FAST)

@@ -62,7 +62,6 @@ def test_hessian_is_symmetric_and_positive():
 
 
 def test_steps_never_raise_the_energy():
-    """Each step lowers the energy or keeps it; after eight steps the gradient is below 2%."""
     interval, sigma = new_interval(neighbours=[Neighbour(random_field(), 0.5)])
     point = interval.minimise(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
     first = np.linalg.norm(point.at.gradient)

@@ -1,5 +1,3 @@
-"""Frames from files of all kinds, with notes, and invalid files."""
-
 import json
 
 import nibabel

@@ -66,12 +66,10 @@ def errors_of_rotation(parameters):
 
 
 def test_error_converges_with_the_mesh():
-    """With a fixed norm, the error has the order of the method, above 1.5."""
     assert last_order(errors_of_rotation(defaults(sigma=1e-3, order=2, alpha=0.01))) > 1.5
 
 
 def test_error_with_a_chosen_norm_converges():
-    """If the norm is chosen, errors on three meshes have orders of about 2.1 and 1.5."""
     errors = errors_of_rotation(defaults(sigma=1e-3))
     assert np.log2(errors[0] / errors[2]) / 2 > 1.7
     assert last_order(errors) > 1.45
@@ -87,7 +85,6 @@ def test_unequal_intervals_give_the_same_motion():
 
 
 def test_fields_follow_units_offsets_and_rotations(pattern, found):
-    """Units of the surface, of values and of time change fields and uncertainty accordingly."""
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
@@ -119,7 +116,6 @@ def test_equal_frames_have_no_motion(pattern):
 
 
 def test_sweeps_lower_the_total_energy(pattern):
-    """Sweeps never raise the energy; with larger gamma neighbouring fields are more similar."""
     rng = np.random.default_rng(0)
     noisy = pattern[0] + 0.1 * pattern[0].std() * rng.standard_normal(pattern[0].shape)
     totals, changes = [], []
@@ -218,7 +214,6 @@ def test_nonfinite_values_are_not_compared(pattern, found):
 
 
 def test_given_frames_are_not_changed():
-    """Missing values are filled in a copy, also on meshes with fewer vertices than their file."""
     mesh = with_loose_vertex(icosphere(1))
     given = np.arange(2.0)[:, None] + mesh.vertices[:, 0]
     given[1, 4] = np.nan
@@ -319,7 +314,6 @@ def test_episodes_use_solved_intervals_only(found):
 
 @pytest.mark.parametrize(("values", "time"), [(1, 250), (1e20, 1e-15), (1e-20, 1e15)])
 def test_flows_are_independent_of_units(values, time, pattern, found):
-    """Neither units of values and time nor the origin of time change motion and verdicts."""
     result = abfm.sequence(SPHERE, values * pattern[0], time * (np.arange(4) - 3), FAST)
     assert_allclose(time * result.velocity, found.velocity, rtol=1e-9, atol=1e-11)
     assert result.verdicts == found.verdicts
@@ -428,7 +422,6 @@ def test_intervals_without_motion_are_not_coupled():
 
 
 def test_gap_in_time_is_matched():
-    """A gap of 100 time units between frames is matched, with a hundredth of the speed."""
     frames, _ = rotating_pattern(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, [0, 1, 101, 102], FAST)
     assert found.confirmed == 3

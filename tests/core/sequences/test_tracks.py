@@ -1,5 +1,3 @@
-"""Tracks of critical points through time, and episodes."""
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Uncertainty of fields: known errors, invariances, contours and flat places."""
-
 from dataclasses import replace
 from functools import cache
 

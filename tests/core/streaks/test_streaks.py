@@ -67,7 +67,6 @@ def test_filtering_reproduces_linear_functions(mesh, size):
 
 @cases
 def test_texels_map_back_to_their_places(mesh, size):
-    """Points of texels have these texels, and all corners lie in the texture."""
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     barycentric = texel_weights(atlas, rows, columns)
@@ -87,7 +86,6 @@ def test_texels_map_back_to_their_places(mesh, size):
 
 
 def test_texels_are_proportional_to_area():
-    """Edges have about their length in texels, and never less than three quarters of it."""
     mesh = ellipsoid(3, 3, 1, 1)
     atlas = texture_atlas(mesh, 1024)
     ends = np.roll(atlas.corners, 1, axis=1) - atlas.corners
@@ -120,7 +118,6 @@ def test_atlas_of_half_a_million_faces():
 
 
 def test_too_small_textures_are_refused():
-    """Too small textures, and functions of other meshes, are refused."""
     mesh = sphere(2)
     with raises(ParameterError, 320, 52):
         texture_atlas(mesh, 51)
@@ -165,7 +162,6 @@ def used(atlas, image):
 
 @pytest.mark.parametrize("level", [2, 3, 4, 5])
 def test_streaks_lie_along_the_flow_on_any_mesh(level):
-    """On spheres of several levels, correlation is high along a rotation and low across it."""
     mesh, axis = sphere(level), np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, axis), size=1024)
     points = on_sphere(4000)
@@ -220,7 +216,6 @@ def test_streaks_of_smooth_fields_do_not_show_the_mesh():
 
 
 def test_width_of_streaks_is_independent_of_texels():
-    """The correlation length across the flow depends only on the width in the parameters."""
     mesh, found = square(10), {}
     field = np.tile([1.0, 0.3, 0.0], (len(mesh.faces), 1))
     side = np.cross([0, 0, 1], field[0]) / np.linalg.norm(field[0])
@@ -237,7 +232,6 @@ def test_width_of_streaks_is_independent_of_texels():
 
 
 def test_streaks_continue_across_edges():
-    """Two faces show the same grey levels along their common edge."""
     mesh = sphere(3)
     field, middles = rotation_field(mesh, [0, 0, 1]), []
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 200)
@@ -267,7 +261,6 @@ def test_contrast_is_full_and_even():
     "mesh", [tetrahedron(), hemisphere(6), torus(20, 14), square(12), disc(5), open_cylinder(9, 4)]
 )
 def test_any_field_gives_an_image(mesh):
-    """Fields with sinks, vortices and opposing faces, down to single faces."""
     field = tangent(mesh, np.random.default_rng(5).normal(size=(len(mesh.faces), 3)))
     field[::7] = 0
     _, image = line_integral_convolution(mesh, field, size=256)
@@ -297,7 +290,6 @@ def test_zero_field_is_grey():
 
 
 def test_contrast_fades_with_speed():
-    """Around the pole of a rotation, contrast is proportional to the distance."""
     mesh = sphere(4)
     field = rotation_field(mesh, [0, 0, 1])
     atlas, image = line_integral_convolution(mesh, field, size=1024, fade=True)
@@ -339,7 +331,6 @@ def test_streaks_of_later_phases_move_along_the_flow():
 
 
 def test_phases_are_periodic_with_even_contrast():
-    """Phases that are computed separately are equal, and their contrast is even."""
     atlas, images = line_integral_convolution(BALL, SPIN, size=256, phase=np.linspace(0, 1, 9))
     assert images.shape == (9, 256, 256)
     near(images[-1], images[0], 1e-5)

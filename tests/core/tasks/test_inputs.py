@@ -13,7 +13,6 @@ POPULATION = {"table": "s.csv", "template": "t.off"}
 
 
 def test_file_name_stands_for_its_values(tmp_path):
-    """In options of functions and in channels, a bare file name stands for ``file:NAME``."""
     given = {"channel": "'g, h.npy' file:h.npy 2"}
     written = {"channel": "'file:\"g, h.npy\"' file:h.npy 2"}
     bare = Row("one", MATCH | given | {"source": "f.npy"}, tmp_path)

@@ -12,8 +12,6 @@ from abfm.workers.worker import report
 
 
 class Lines:
-    """The state of a worker: a list of lines."""
-
     def __init__(self):
         self.lines = []
 

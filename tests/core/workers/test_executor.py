@@ -1,5 +1,3 @@
-"""Processes as an executor: failures of single calls, shutdown and order."""
-
 import os
 import signal
 import time
@@ -28,7 +26,6 @@ def reported(name):
 
 
 def test_calls_use_one_thread_and_report_steps(processes):
-    """An idle process gets the next call, and errors are raised in the caller."""
     seen = []
     with reporting_steps(lambda now: seen.append(now and now.task)):
         threads, pid = processes.submit(reported, "a step").result()

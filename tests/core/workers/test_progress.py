@@ -1,5 +1,3 @@
-"""Reported steps of long work: shares, remaining times and rates."""
-
 import ast
 import math
 import threading
@@ -47,7 +45,6 @@ def test_initial_rates_have_names_of_steps():
 
 
 def test_shares_grow_and_remaining_times_fall():
-    """An extrapolated share never reaches 1; an overdue step has no remaining time."""
     for expected in np.random.default_rng(0).uniform(1e-3, 1e3, 50):
         now = Step("factoring", expected=expected, began=100.0)
         moments = 100 + np.linspace(0, 3 * expected, 200)
@@ -145,8 +142,6 @@ def test_stepped_loop_ends_with_an_error_of_its_body():
 
 
 def test_nested_step_is_reported_until_it_ends():
-    """The outer step is reported again after a nested one; a failed step measures no rate."""
-
     def work():
         with pytest.raises(RuntimeError), step("outer", 1.0), step("inner"):
             raise RuntimeError
@@ -188,7 +183,6 @@ def test_steps_of_other_threads_are_not_reported():
 
 
 def test_match_reports_its_steps():
-    """A match reports its steps, and reporting does not change the match."""
     mesh, found = icosphere(3), []
     source, target, _ = mesh.vertices.T
     parameters = Parameters.of(iterations=6, levels=2)

@@ -1,5 +1,3 @@
-"""Calls in a subprocess, messages to it, and daemon threads."""
-
 import gc
 import os
 import pickle
@@ -45,7 +43,6 @@ def until(condition):
 
 
 def test_warnings_reach_the_waiting_thread(shared):
-    """Each call issues its warning in the thread that waits for it."""
     for _ in range(2):
         with pytest.warns(AbfmWarning, match="no value") as caught:
             assert shared.call(jobs.warn, "no value").result() == "no value"
@@ -181,7 +178,6 @@ def test_digest_of_a_mesh_depends_on_its_content():
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_process_fails_its_call_and_is_replaced(worker, tmp_path, number):
-    """The call of a killed process fails, the next one starts another, and no zombie remains."""
     call = worker.call(jobs.wait_for_file, tmp_path / "never")
     inner = worker._connection.process._process
     threading.Timer(0.1, lambda: os.kill(inner.pid, number)).start()
@@ -272,7 +268,6 @@ def test_closed_process_leaves_no_open_files(closed, monkeypatch):
 
 @pytest.mark.parametrize("at_once", [1, 3, 10_000])
 def test_message_is_assembled_from_pieces(at_once):
-    """A message is assembled from pieces; without its end it is refused."""
     content = pickle.dumps(list(range(100)))
     complete = len(content).to_bytes(8) + content
 

@@ -1,5 +1,3 @@
-"""Colour maps, shared colour ranges, and the colours of the window."""
-
 import colorsys
 from itertools import combinations, product
 from typing import get_args
@@ -99,7 +97,6 @@ def test_lightness_is_monotonic_from_grey(name, is_dark):
 
 
 def test_maps_on_light_backgrounds_are_unchanged():
-    """On light backgrounds all maps are unchanged; on dark ones, those without a zero."""
     names = list(colormaps.NAMES)
     assert [for_background(name, is_dark=False) for name in names] == names
     assert [for_background(name, is_dark=True) for name in names[2:]] == names[2:]
@@ -165,7 +162,6 @@ def test_button_and_sliders_have_contrast(colors):
 
 
 def test_curves_have_contrast_for_every_eye(colors):
-    """Curves differ from the plot's background and from each other, also for the colour-blind."""
     curves = [getattr(colors, name) for name in CURVES]
     assert min(contrast(curve, colors.ground) for curve in curves) >= MARK_CONTRAST
     for sight, (one, other) in product(SIGHTS, combinations(curves, 2)):
@@ -179,7 +175,6 @@ def degrees_between(one, other):
 
 
 def test_tones_differ_for_every_eye(colors):
-    """Good, warning and failure are distinguishable, also for the colour-blind."""
     tones = [getattr(colors, name) for name in ("good", "warning", "failure")]
     for sight, (one, other) in product(SIGHTS, combinations(tones, 2)):
         assert difference(one, other, sight) > DIFFERENCE_MIN, sight

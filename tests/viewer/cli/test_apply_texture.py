@@ -1,5 +1,3 @@
-"""`abfm apply --texture`: textures are transferred to the other surface, and back."""
-
 import io
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""`abfm batch`: tables and combinations of options are solved, reported and resumed."""
-
 import csv
 import json
 import random
@@ -195,7 +193,6 @@ def test_bad_input_is_refused(line, named, tmp_path, abfm):
 
 
 def test_finished_rows_are_reported_after_failures(solved, abfm, monkeypatch):
-    """Finished rows are printed if the cluster's connection is lost or the summary fails."""
     run = Mock(side_effect=ConnectionLostError("the scheduler does not answer any more"))
     monkeypatch.setattr(batch, "run_rows", run)
     line = "batch {f}/table.csv --out {f}/out --quiet"
@@ -285,7 +282,6 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
 
 
 def test_strange_names_are_cut_or_replaced(tmp_path, abfm):
-    """Names of 20,000 letters are cut only on the page; invalid characters hide no row."""
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"
     text = rows.read_text()

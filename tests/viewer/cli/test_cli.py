@@ -1,5 +1,3 @@
-"""Commands about one surface, and the help of all commands."""
-
 import json
 import re
 import shlex
@@ -79,7 +77,6 @@ def test_help_and_version(line, capsys):
 
 
 def test_complete_help_of_a_match(capsys):
-    """The help has all parameters with their symbols, all function families and exit statuses."""
     text = help_text("match --help-all", capsys)
     words = {*re.split(r"[\s,=]+", text.replace("--", "").replace("-", "_"))}
     assert set(FIELDS) <= words
@@ -93,7 +90,6 @@ def test_complete_help_of_a_match(capsys):
 
 @pytest.mark.parametrize("command", commands.COMMANDS)
 def test_help_shows_the_main_options(command, capsys):
-    """Help has the declared options, about 12; its last line names ``--help-all``."""
     text, complete = (help_text(f"{command} --{name}", capsys) for name in ("help", "help-all"))
     names = option_names(text)
     count = len([name for name in names if not name.startswith("help")])

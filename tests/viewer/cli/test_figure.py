@@ -1,5 +1,3 @@
-"""`abfm figure` on small set-ups."""
-
 import json
 import re
 from dataclasses import replace
@@ -100,7 +98,6 @@ def test_matches_are_solved_once_by_a_batch(small, tmp_path, abfm, monkeypatch):
 
 
 def test_figure_on_another_mesh(small, tmp_path, abfm):
-    """The mesh is drawn upright, or refused with the reason."""
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(tmp_path / "long.off")
     sizes = []
     for up in ("y", "z"):

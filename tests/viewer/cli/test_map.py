@@ -1,5 +1,3 @@
-"""`abfm map`."""
-
 import json
 
 import numpy as np
@@ -92,7 +90,6 @@ def test_inverse_is_the_map_of_negative_time(rotation, tmp_path, abfm):
 
 
 def test_values_return_to_their_vertices(rotation, tmp_path, abfm):
-    """Values are written for all vertices of the file; those without faces have no value."""
     mesh = load(rotation).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     abfm("map {r} --push {t}/uv.npy --out {t}/there.npy", r=rotation)

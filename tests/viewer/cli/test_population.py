@@ -1,5 +1,3 @@
-"""`abfm population` on a small sphere, with one worker process."""
-
 import csv
 import json
 from pathlib import Path
@@ -144,7 +142,6 @@ def test_pictures_show_means_areas_and_outliers(page):
 
 
 def test_channels_have_weights_and_subjects_landmarks(abfm, folder, monkeypatch):
-    """Two channels have weights, and one of two subjects has landmarks outside the folder."""
     (folder / "marks").mkdir(exist_ok=True)
     (folder / "marks" / "one.csv").write_text("\n".join(f"{k},{k}" for k in (0, 40, 90)))
     lines = ["name;depth;edge;landmarks"]

@@ -1,5 +1,3 @@
-"""`abfm register`, `abfm apply` and `abfm map` of two surfaces."""
-
 import json
 import re
 
@@ -176,7 +174,6 @@ def test_column_of_labels_is_chosen(registration, tmp_path, apply):
     ],
 )
 def test_unused_vertices_have_no_value(files, tmp_path, abfm, option, given, out, missing):
-    """Unused vertices have NaN, or label -1; the anatomical structure of the surface is written."""
     loose = with_loose_vertex(A)
     numbers = loose.vertex_ids, loose.file_vertex_count
     b = TriangleMesh(loose.vertices, loose.faces, numbers=numbers, structure="CortexRight")

@@ -1,5 +1,3 @@
-"""`abfm report` on small spheres, with small pictures."""
-
 import json
 import re
 from dataclasses import replace

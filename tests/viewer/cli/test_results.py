@@ -1,5 +1,3 @@
-"""Steps of a continuation in `abfm info`."""
-
 import json
 import math
 from dataclasses import replace

@@ -1,5 +1,3 @@
-"""`abfm sequence`, and `abfm info` and `abfm render` of its files."""
-
 import errno
 import json
 import os
@@ -160,7 +158,6 @@ def test_bad_input_is_refused(line, named, files, tmp_path, abfm):
 
 
 def test_interrupted_sequence_resumes(files, tmp_path, abfm, monkeypatch):
-    """Solved intervals are kept after a signal; the resumed result is that of a single run."""
     times = 0.01 * np.arange(20)
     np.savez(tmp_path / "long.npz", frames=rotating_frames(times=times), times=times)
     line = "sequence {f}/m.ply {t}/long.npz --sigma=0.1 --out={t}/a.npz"

@@ -215,7 +215,6 @@ def test_ignored_signal_stays_ignored():
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="reads /proc")
 def test_helper_process_ends_with_its_parent():
-    """Helpers end by themselves after their parent was killed."""
     script = (
         "import os; from abfm.workers.process import ChildProcess\n"
         "process = ChildProcess('abfm.workers')\n"

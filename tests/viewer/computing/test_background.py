@@ -42,7 +42,6 @@ keys = st.sampled_from([(0, 0), (0, 1), (0, FAILING), (1, 0)])
     ],
 )
 def test_arrays_are_compared_by_identity(one, other, expected):
-    """Arrays are compared by identity, and other objects by value."""
     assert same(one, other) is expected
 
 
@@ -162,7 +161,6 @@ def raising(error):
     ],
 )
 def test_errors_of_jobs_are_one_line(latest, error, message, monkeypatch):
-    """An error of a job is one line, and the next request is answered."""
     gone = SimpleNamespace(write=raising(OSError("the terminal is gone")))
     monkeypatch.setattr("sys.stderr", gone)  # unprintable errors do not end the thread
     latest.request("bad", raising(error))
@@ -194,7 +192,6 @@ def test_job_without_a_thread_starts_later(latest, monkeypatch):
 
 
 def test_jobs_factor_large_systems_in_a_subprocess(latest):
-    """Small systems, and those of other threads, are factored in this process."""
     latest.request("sizes", lambda: [is_factored_in_subprocess(size) for size in (14_000, 15_000)])
     until(lambda: latest.key == "sizes")
     assert latest.value == [False, True]
@@ -226,7 +223,6 @@ def controlled(latest):
 
 
 def test_repeated_request_is_computed_once(latest, controlled):
-    """A request is not computed again if its value is known or its job is running."""
     job, begun, end = controlled
     there, running = job("there"), job("under way")
     latest.request("there", there)
@@ -247,7 +243,6 @@ def test_repeated_request_is_computed_once(latest, controlled):
 
 
 def test_running_job_does_not_block_others(latest, controlled):
-    """While a job runs, jobs of 30 other owners finish; closing does not wait until it ends."""
     job, begun, end = controlled
     latest.request("late", job("late"))
     until(lambda: begun == ["late"])

@@ -1,5 +1,3 @@
-"""Default functions of a mesh."""
-
 from functools import cache
 
 import numpy as np
@@ -42,7 +40,6 @@ def width(mesh):
     "mesh", [*MESHES, torus(30, 20), disc(8), ellipsoid(3, 3.0, 1.0, 1.0)], ids=str
 )
 def test_default_gaussians_face_the_viewer(mesh):
-    """Both Gaussians are on the side towards the viewer, 0.3 to 0.8 widths apart."""
     mesh = mesh_of(mesh)
     source, target = centres(mesh)
     distance = geodesic_distance(mesh, [source])[target] / mesh.length_scale
@@ -66,7 +63,6 @@ def test_gaussians_of_a_body_are_on_the_trunk(name):
 
 
 def test_defaults_do_not_depend_on_numbers_and_scale():
-    """Scale, orientation and order of the vertices, numbered as in the file, have no influence."""
     mesh = mesh_of("human_A.off")
     order, faces = RNG.permutation(len(mesh.vertices)), RNG.permutation(len(mesh.faces))
     other = TriangleMesh(1e3 * mesh.vertices[order], np.argsort(order)[mesh.faces][faces])
@@ -79,7 +75,6 @@ def test_defaults_do_not_depend_on_numbers_and_scale():
 
 
 def test_coarse_mesh_has_wider_gaussians():
-    """Widths fall with finer meshes down to a constant, at 2.5 to 4.6 edges."""
     widths = [width(ellipsoid(k, 3.0, 1.0, 1.0)) for k in (1, 3, 5)]
     assert widths == sorted(widths, reverse=True)
     assert widths[0] > widths[-1] == WIDTH
@@ -91,7 +86,6 @@ def test_coarse_mesh_has_wider_gaussians():
 
 @pytest.mark.parametrize("name", COARSE)
 def test_default_functions_match_well(name):
-    """Both checks have a residual below 5%, and 95% of the area changes by a factor below 2."""
     mesh = mesh_of(name)
     facts = match(Problem(mesh, *([spec] for spec in specs(mesh)))).facts
     assert facts.outcome is Outcome.MATCHED

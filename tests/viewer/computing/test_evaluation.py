@@ -64,7 +64,6 @@ def test_subprocess_errors_are_the_same(in_subprocess, spec):
 
 
 def test_only_large_meshes_have_a_process(monkeypatch):
-    """Small meshes and closed functions start no process."""
     assert evaluation.SUBPROCESS_VERTICES_MIN == 20_000
     monkeypatch.setattr(evaluation, "SUBPROCESS_VERTICES_MIN", len(SPARSE.vertices))
     for mesh, has_one in ((icosphere(1), False), (SPARSE, True)):

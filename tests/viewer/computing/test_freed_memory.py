@@ -1,5 +1,3 @@
-"""Return of freed memory to the system."""
-
 from tests.processes import python
 
 _RESIDENT = """
@@ -41,7 +39,6 @@ print(resident() - before)
 
 
 def test_freed_memory_is_returned():
-    """Large blocks are returned at once, and memory of an ended thread on request."""
     returned, remaining = (
         float(python(_RESIDENT + program, check=True).stdout) for program in (_PIECES, _BLOCKS)
     )

@@ -47,7 +47,6 @@ def energies(monkeypatch):
 
 
 def test_ended_run_stores_fields_without_workspace(reports, energies):
-    """Every iterate is reported; fields remain after the run, without its workspaces."""
     cache = {}
     for run in range(1, 4):
         problem = abfm.Problem(SPHERE, F, G, replace(QUICK, sigma=0.01 * run))
@@ -151,7 +150,6 @@ def sent(reports):
     ("vertices", "seconds"), [(10_000, 0.007), (40_000, 0.033), (160_000, 0.15), (500, 2.0)]
 )
 def test_fields_take_2_percent_of_the_time(clock, reports, vertices, seconds):
-    """After the first field, sending fields takes at most 2% of the time."""
     task, spent, moments = Task(lambda take: follow(take)), 0.0, []
     task.problem = SimpleNamespace(mesh=SimpleNamespace(vertices=range(vertices)))
 

@@ -1,5 +1,3 @@
-"""Matching in a run: equal results, changed problems, and the best field."""
-
 import itertools
 import os
 import signal
@@ -105,7 +103,6 @@ def check_advected(match, functions):
 
 
 def test_run_equals_match(matching):
-    """A run's match is that of `abfm.match`, also on other meshes, prepared or not."""
     assert (matching.snapshot, matching.record) == (None, None)
     same_run(matching, SPHERE, QUICK)
     mesh = icosphere(2)
@@ -169,7 +166,6 @@ def test_record_is_the_same_object_until_it_grows(running):
 
 
 def test_fields_are_fetched_on_request(running, functions):
-    """A fetched field is stored with its iterate; other fields are unavailable two runs later."""
     running.run.pause()
     shown = running.snapshot.shown
     again = replace(shown, view=replace(shown.view, picture=None))
@@ -202,7 +198,6 @@ def test_cancel_at_start_ends_after_one_evaluation(matching, functions):
 
 
 def test_run_continues_with_changed_problem(running):
-    """A changed problem starts from the present field."""
     until(lambda: running.rows > 40)
     changed = problem(replace(ENDLESS, beta=1e-4))
     running.follow_problem(changed, dragging=True)
@@ -258,7 +253,6 @@ def test_failed_restart_keeps_the_result(running):
 
 
 def test_killed_process_leaves_a_requested_field(running, functions):
-    """A requested field is the result if the process is killed; the next run does not return it."""
     found, _ = running.unfinished(running.snapshot, functions)
     result, record, _ = running.killed()
     check_message(running.run.reason)
@@ -287,7 +281,6 @@ def test_killed_process_leaves_the_sent_field(with_sent_field, functions):
 
 
 def test_killed_run_keeps_the_latest_result(with_sent_field):
-    """After a kill, the result is the latest one, also from before a change of the problem."""
     changed = problem(replace(ENDLESS, beta=1e-4))
     with_sent_field.follow_problem(changed)
     until(lambda: with_sent_field.snapshot.problem is changed)
@@ -304,7 +297,6 @@ def iterate(**given):
 
 
 def test_new_attempt_does_not_replace_a_better_field(matching):
-    """The best field stays on the screen, in copies, and after the process is killed."""
     matching._next, matching._since_restart = None, 0
     first, second = problem(), problem()
     matching._current = first

@@ -1,5 +1,3 @@
-"""Runs of any work: state, errors, control, and processes that end."""
-
 import os
 import signal
 import threading
@@ -66,7 +64,6 @@ def test_result_is_passed_on_once(run):
 
 
 def test_paused_run_makes_no_progress(run):
-    """A paused run makes no progress until it is resumed or cancelled."""
     started = StartedRun(run, jobs.count, FOREVER)
     until(lambda: len(started.partials) > 3)
     for _ in range(2):
@@ -87,7 +84,6 @@ def test_paused_run_makes_no_progress(run):
 
 @pytest.mark.parametrize("paused", [False, True])
 def test_pause_before_the_call_takes_effect(run, paused):
-    """A pause or cancellation before a run calls its process takes effect in the call."""
     may_begin = threading.Event()
 
     def work():
@@ -103,7 +99,6 @@ def test_pause_before_the_call_takes_effect(run, paused):
 
 
 def test_call_can_be_ended_without_the_run(run):
-    """A call is ended while its run continues; the next call is paused with the run."""
     partials, passed_on = [], []
 
     def work():
@@ -188,7 +183,6 @@ def test_closing_ends_call_and_process(run):
 
 
 def test_idle_process_is_reused(monkeypatch):
-    """A closed process is reused by the next one; at most two idle processes are stored."""
     monkeypatch.setattr(Process, "_idle_workers", [])
     pids = []
     for _ in range(2):

@@ -34,7 +34,6 @@ def listed(choice):
 
 
 def test_folders_are_first_and_hidden_files_are_omitted(folder):
-    """Hidden files and files with other suffixes are omitted, and folders come first."""
     names = [entry.label for entry in read_folder(folder, MESHES).entries]
     assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
 
@@ -105,7 +104,6 @@ def test_invalid_paths_are_refused_with_the_reason(folder, saving, typed, named)
 
 
 def test_up_selects_the_previous_folder(folder):
-    """The button Up selects the folder that was open; arrow keys move the selection."""
     choice = FileChoice(folder / "Apple", MESHES)
     choice.go_up()
     assert (choice.folder, choice.selected) == (folder, "Apple")
@@ -153,7 +151,6 @@ def test_vanished_file_is_refused_and_the_list_read_again(folder):
     ],
 )
 def test_name_to_save_gets_a_suffix(folder, typed, file):
-    """A name without an ending gets the first suffix, and another ending is refused."""
     choice = FileChoice(folder, (".npz", "-lh.stc", ".html"), saving=True, name=typed)
     assert choice.ready
     assert choice.final_name == (file or typed)
@@ -163,7 +160,6 @@ def test_name_to_save_gets_a_suffix(folder, typed, file):
 
 
 def test_saving_uses_the_typed_or_selected_name(folder):
-    """The file has the typed name, else the selected one; a selected folder is opened."""
     choice = FileChoice(folder, MESHES, saving=True)
     assert not choice.ready
     choice.select(FolderEntry("b.off", False))

@@ -1,5 +1,3 @@
-"""Comparison of a subject with its population: titles and unknown values."""
-
 from types import SimpleNamespace
 from typing import get_args
 

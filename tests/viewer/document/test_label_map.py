@@ -1,5 +1,3 @@
-"""Keys, names and colours of labels."""
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,7 +15,6 @@ RED = (1.0, 0.0, 0.0, 1.0)
 
 
 def test_vertices_have_the_colors_of_their_labels():
-    """Labels without a colour get one; labels without a name are grey."""
     labels = Labels(KEYS, {7: "insula", 40: "cuneus", 50: "nowhere"}, {7: RED})
     found = LabelMap.of("a.annot", BALL, labels)
     assert found.keys == (-1, 7, 40, 50)
@@ -32,7 +29,6 @@ def test_vertices_have_the_colors_of_their_labels():
 
 
 def test_labels_of_the_file_are_restricted_to_the_mesh():
-    """Labels of unused vertices of the file are dropped, and labels of another mesh are refused."""
     loose = with_loose_vertex(BALL)
     keys = np.full(13, 99)
     keys[loose.vertex_ids] = KEYS

@@ -1,5 +1,3 @@
-"""Scaling of a source to the range of its target."""
-
 import numpy as np
 import pytest
 

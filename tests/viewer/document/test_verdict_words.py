@@ -1,5 +1,3 @@
-"""Headlines, reasons and other short texts about a match."""
-
 import math
 import re
 from dataclasses import replace
@@ -104,7 +102,6 @@ def test_large_area_change_is_a_warning(found, kind, tone):
 
 @given(pairs=st.lists(st.tuples(RESIDUAL, RESIDUAL | st.just(math.nan)), min_size=2, max_size=2))
 def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
-    """Neither the verdict nor the exit status is worse for a smaller residual."""
     matches = []
     for residual, verified in pairs:
         one = replace(found, residual=residual, verified_residual=verified)
@@ -134,7 +131,6 @@ def shown_share(match):
 
 
 def test_numbers_and_sentences_are_formatted():
-    """Percentages are rounded up, sentences start with a capital, and 1 has no plural."""
     values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995]
     expected = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
     expected += ["10%", "11%", "100%"]
@@ -187,7 +183,6 @@ def test_unknown_numbers_are_omitted(found, iterations):
 
 
 def test_remedies_are_written_as_command_line_options(found):
-    """Remedies are printed as options; verdicts without remedies keep their advice as text."""
     remedies = (
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
         Remedy("Continue", "go on", {}, True),

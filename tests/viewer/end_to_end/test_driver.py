@@ -1,5 +1,3 @@
-"""The Driver: labels, sliders, sections, errors, and its limits."""
-
 from pathlib import Path
 
 import numpy as np
@@ -140,7 +138,6 @@ def write_pictures(gui, tmp_path):
 
 
 def drag_with_the_right_button(gui):
-    """Drag with the right button in the requested number of steps."""
     before, drawn = gui.window.scene.view, gui.window.frames
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view

@@ -1,5 +1,3 @@
-"""Tour of the tab Export: its settings, and written pictures, movies and data."""
-
 import csv
 
 import av

@@ -1,5 +1,3 @@
-"""Tours of landmarks: clicks on both surfaces, drags, matches, and files."""
-
 from contextlib import contextmanager
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""Tour of the tab Look: quantities, arrows, streaks, lines, points and comparisons."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Tours of the menus: entries, dialogs, and the view of the window."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Tours of sequences: open frames, match them, play, view and save."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Tour of the time bar: play, step and scrub."""
-
 import numpy as np
 import polyscope.imgui as imgui
 import pytest

@@ -1,5 +1,3 @@
-"""Tours of views: surfaces enlarged, turned and hidden, by mouse, menu and keys."""
-
 import threading
 import time
 from dataclasses import replace

@@ -109,7 +109,6 @@ def test_copy_has_values_from_other_files(autosave):
 
 
 def test_copies_are_written_one_at_a_time(autosave, clock):
-    """While a copy is written, only the newest of further documents waits."""
     slow = Slow()
     autosave.offer(DOCUMENT, slow, True)
     assert slow.requested.wait(10)
@@ -149,7 +148,6 @@ def test_copy_discarded_while_it_is_written_is_removed(autosave, tmp_path):
 
 
 def test_failed_copy_is_reported_and_tried_again(tmp_path, clock):
-    """A failed copy is reported in one line and repeated later."""
     folder = tmp_path / "state"
     folder.touch()
     autosave = Autosave(StateFolder(folder), clock=clock)
@@ -220,7 +218,6 @@ def test_copy_of_a_process_of_equal_number_is_kept(autosave, clock, tmp_path):
 
 
 def test_recovered_copy_is_removed_when_saved(autosave, tmp_path):
-    """A recovered copy is removed when its document is saved, and so are incomplete copies."""
     (tmp_path / "autosave-1-2.abfm").touch()
     [recovery] = recoverable(StateFolder(tmp_path))
     autosave.take_over(recovery)
@@ -273,7 +270,6 @@ def test_document_of_a_running_sequence_is_copied_once(autosave, clock):
 
 
 def test_failed_copy_of_a_running_sequence_is_repeated(tmp_path, clock):
-    """A failed copy is repeated after 20 s, as for other documents."""
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
     document, run, tried = SequenceDocument((SURFACE,), SEQUENCE), object(), list[int]()

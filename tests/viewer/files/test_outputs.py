@@ -1,5 +1,3 @@
-"""Output files: paths are checked before a computation, and no result is lost."""
-
 import dataclasses
 import math
 import sys

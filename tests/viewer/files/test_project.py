@@ -1,5 +1,3 @@
-"""Project files: documents are restored exactly, and damage is reported."""
-
 import io
 import itertools
 import json
@@ -217,7 +215,6 @@ def sequence_document(solved=True):
     ids=lambda document: f"{type(document).__name__} {document.name}".encode("ascii", "replace"),
 )
 def test_documents_are_restored_from_projects(tmp_path, document):
-    """Documents, also with unfinished results, are restored; saving again gives the same bytes."""
     known = KNOWN if document.surface().mesh is SPHERE and document.channels else {}
     save_project(tmp_path / "p.abfm", document, known)
     opened, values = load_project(tmp_path / "p.abfm")
@@ -233,7 +230,6 @@ def test_documents_are_restored_from_projects(tmp_path, document):
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
 def test_projects_contain_result_files(tmp_path, document):
-    """A project has the result file's bytes; results, frames and meshes are stored once."""
     save_project(tmp_path / "p.abfm", document, {})
     content = members(tmp_path / "p.abfm")
     (tmp_path / "r.npz").write_bytes(content["result.npz"])
@@ -390,7 +386,6 @@ def test_damaged_files_are_refused(saved, tmp_path):
     "document", [DOCUMENT, pair(), sequence_document()], ids=["match", "pair", "sequence"]
 )
 def test_changed_json_is_refused_or_opens(tmp_path, document):
-    """With any one value of the JSON replaced, a project is refused or opens."""
     path = tmp_path / "p.abfm"
     save_project(path, document, KNOWN if document is DOCUMENT else {})
     complete = path.read_bytes()
@@ -427,7 +422,6 @@ OTHER_CONTENTS = [
 
 
 def test_invalid_arrays_are_refused(saved):
-    """Arrays of other types, shapes and sizes are refused, as are negative ones of a run."""
     complete = saved.read_bytes()
     contents = itertools.cycle(OTHER_CONTENTS)
     for name in (name for name in members(saved) if name.endswith(".npy")):
@@ -443,7 +437,6 @@ def test_invalid_arrays_are_refused(saved):
 
 
 def test_damaged_results_are_refused(saved):
-    """A damaged result is refused as in a result file; the message names the project."""
     inner = saved.with_name("r.npz")
     inner.write_bytes(members(saved)["result.npz"])
     for name, array in (("advected.npy", None), ("velocity.npy", np.zeros((1, F - 1, 3)))):
@@ -614,7 +607,6 @@ def origin(tmp_path):
 
 
 def test_origin_notices_changes_of_its_file(origin):
-    """A changed time or size of the file is noticed; a removed file does not exist."""
     assert (origin.exists, origin.changed) == (True, False)
     state = origin.path.stat()
     origin.path.write_text("two")
@@ -630,7 +622,6 @@ def test_origin_notices_changes_of_its_file(origin):
 
 
 def test_copy_names_its_original_file(origin, tmp_path):
-    """A copy names its original file as long as that file exists."""
     copy = tmp_path / "copy.abfm"
     save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {}, origin)
     assert load_origin(copy) == origin

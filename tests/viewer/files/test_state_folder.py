@@ -1,5 +1,3 @@
-"""The state folder: recent files and preferences, also in damaged folders."""
-
 import json
 import os
 import sys
@@ -40,7 +38,6 @@ def test_recent_files_are_listed_once_latest_first(folder, tmp_path, monkeypatch
 
 
 def test_preferences_are_kept(folder, tmp_path):
-    """Preferences are stored; a folder that cannot be created is ignored."""
     assert folder.preferences() == {}
     folder.set_preference("theme", "dark")
     folder.set_preference("ui_scale", 1.5)

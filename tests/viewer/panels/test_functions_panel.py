@@ -1,5 +1,3 @@
-"""Channels and Gaussians in the session, in the tab Functions, and under the mouse."""
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,6 @@ def active(session):
 
 
 def test_active_gaussian_moves_and_stays_active(session):
-    """The active Gaussian stays active when moved; the other side begins with its first one."""
     session.editor.select(side="source", bump=2)
     active_gaussian.move(session, "source", 9, "drag")
     assert vertices(session, "source") == [1, 2, 9]
@@ -53,7 +50,6 @@ def test_active_gaussian_moves_and_stays_active(session):
 
 
 def test_wheel_changes_the_width_within_limits(session):
-    """The wheel changes the width within limits; without a movable Gaussian it shows a remedy."""
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),

@@ -181,7 +181,6 @@ def test_each_tab_fits_one_screen(layouts):
 
 
 def test_no_widget_is_cut_off_at_the_side(layouts):
-    """No widget is cut off at the side, and surfaces have most of the width."""
     for layout in layouts:
         left, _, right, _ = layout["parts"]["scene"]
         assert right - left > layout["size"][0] / 2, where(layout)
@@ -208,7 +207,6 @@ def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
 
 
 def test_abbreviated_texts_have_a_tooltip(drawn):
-    """Abbreviated texts have a tooltip; at an ordinary scale no text is abbreviated."""
     for widget, layout, place in drawn:
         is_cut = widget["shown"] not in ("", widget["label"])
         assert not is_cut or layout["scale"] > 1, f"{widget['label']!r}: {place}"
@@ -235,7 +233,6 @@ def test_no_widget_or_text_covers_another(layouts):
 
 
 def test_verdicts_are_never_clipped(layouts):
-    """At any size and scale, the sentences of a verdict wrap and stay inside their panel."""
     facts = longest()
     expected = {short_headline(facts), facts.reason, *facts.warnings, f"advice: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
@@ -271,7 +268,6 @@ def test_status_line_has_the_headline_or_the_verdict(layouts):
 
 
 def test_remedies_and_advice_are_visible(layouts):
-    """Buttons of remedies are visible, and so is advice without a button."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
         are_there = layout["state"] in ("matched", "with a path", "exported", "question")
@@ -290,7 +286,6 @@ def test_remedies_and_advice_are_visible(layouts):
 
 
 def test_widgets_do_not_move_between_states(drawn):
-    """Widgets stay in place in all states, unless a long verdict needs more height."""
     first = {}
     for widget, layout, place in drawn:
         is_long = layout["state"] in LONG or layout["scale"] > 1
@@ -304,7 +299,6 @@ def test_widgets_do_not_move_between_states(drawn):
 
 
 def test_widgets_behind_a_dialog_are_disabled(drawn):
-    """Widgets behind a dialog are disabled, but keep their tooltips."""
     kinds = ("slider", "box", "button", "checkbox", "combo")
     for widget, layout, place in drawn:
         if layout["state"] == "question" and widget["section"] != "A title":

@@ -1,5 +1,3 @@
-"""The tab Match: parameters, plots of energies, and positions on sliders."""
-
 from dataclasses import replace
 
 import numpy as np

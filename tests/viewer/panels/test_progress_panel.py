@@ -1,5 +1,3 @@
-"""Progress of long operations: steps of the solver, and background computations."""
-
 import threading
 
 from abfm import TriangleMesh

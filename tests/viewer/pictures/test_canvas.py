@@ -1,5 +1,3 @@
-"""Off-screen pictures with antialiasing."""
-
 from dataclasses import replace
 
 import numpy as np

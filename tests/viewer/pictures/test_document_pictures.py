@@ -1,5 +1,3 @@
-"""Off-screen pictures of documents."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +106,6 @@ def test_frames_show_exact_functions(document):
 
 @pytest.mark.usefixtures("coarse_streaks")
 def test_moving_streaks_are_periodic_in_a_movie(document):
-    """All steps between frames are alike, also that from the last to the first."""
     streaks = viewed(document, streaks=True, animate=True, layout="advected only")
     with DocumentRenderer(streaks, {}, SIZE, BARE) as renderer:
         frames = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0)]
@@ -159,7 +156,6 @@ def test_all_surfaces_fit_in_any_size(document, layout, size):
 
 
 def test_dark_surfaces_have_the_colors_of_their_bars(document):
-    """Large values are dark on light backgrounds and light on dark ones; nothing is grey."""
     dark = viewed(document, theme="dark")
     light, surface = drawn(viewed(document, theme="light")), body(drawn(dark))
     assert np.median(light[~is_empty(light)], axis=0).min() > 150
@@ -173,7 +169,6 @@ def test_dark_surfaces_have_the_colors_of_their_bars(document):
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_lines_have_contrast_with_surfaces(document, theme):
-    """Isolines are thin, and absent where a function is constant."""
     plain = drawn(viewed(document, theme=theme))
     for shown in ({"arrows": True}, {"coloring": "checker"}, {"isolines": True}):
         other = drawn(viewed(document, theme=theme, **shown))

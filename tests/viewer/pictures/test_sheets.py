@@ -1,5 +1,3 @@
-"""Sheets as pictures: places of cells, colour ranges, panels of every kind, and plots."""
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -95,7 +93,6 @@ def test_cells_have_one_height_and_do_not_overlap(rows, bars):
 
 
 def test_widest_row_fills_the_sheet():
-    """The widest row fills the sheet, unless its panels would exceed the maximum height."""
     assert sheets.lay_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDTH_MAX, abs=6)
     single = sheets.lay_out([[1.0]], 0)
     assert single.rows[0][0].height == sheets.PANEL_HEIGHT_MAX
@@ -163,7 +160,6 @@ def test_panels_have_frames_labels_and_a_color_bar():
     ],
 )
 def test_label_at_tau_has_the_verdict_and_its_color(match, kind, tone, monkeypatch):
-    """A good match shows its residual, any other match its outcome."""
     drawn = []
 
     def record(sheet, *rest):

@@ -1,5 +1,3 @@
-"""Images of textures: decoded within limits or refused in one line, and written."""
-
 import io
 import struct
 import zlib

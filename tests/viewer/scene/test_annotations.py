@@ -1,5 +1,3 @@
-"""Layout of names and colour bars, which overlap neither each other nor the edges of the window."""
-
 from itertools import combinations, pairwise
 from types import SimpleNamespace
 
@@ -120,7 +118,6 @@ def test_abbreviated_titles_have_tooltips(tooltips):
 
 @pytest.mark.parametrize("right", [240, 480, 1000])
 def test_bars_are_one_line_in_a_low_window(right):
-    """In a low window colour bars are one line, so that surfaces get most of the height."""
     height = 320
     rect = 0, 0, right, height
     found = annotations.annotation_parts(scene(right, columns=5), rect, LARGE, labels=False)
@@ -141,7 +138,6 @@ def test_bars_are_one_line_in_a_low_window(right):
     [(240, ["", ""]), (400, ["function", ""]), (680, ["function", "|t - a|"])],
 )
 def test_titles_in_one_line_are_shortened(right, expected):
-    """A title of a bar is complete, ends at its comma, or is omitted."""
     whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
     ranges = {"function": RANGE, whole: ERROR[1]}
     found = annotations.bars_in_one_line(ranges, (0, 0, right, 32), LARGE)

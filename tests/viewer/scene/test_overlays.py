@@ -1,5 +1,3 @@
-"""Structures drawn over the surfaces."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Frames that redraw the surfaces during a match, and frames with antialiasing."""
-
 from types import SimpleNamespace
 
 import pytest
@@ -34,7 +32,6 @@ def drawn(paced, frames):
 
 
 def test_slow_machine_shows_few_pictures(paced):
-    """The first pictures of a run are shown at once, later ones at longer intervals."""
     frames = drawn(paced, 100)
     assert frames[:3] == [0, 1, 2]
     assert 5 <= len(frames) <= 8
@@ -80,7 +77,6 @@ def window(monkeypatch):
 
 
 def test_still_window_is_antialiased_once(window):
-    """A window without motion is antialiased once; a motion ends the antialiasing."""
     assert window.frame(0.9 * STILL_SECONDS) == []
     assert window.frame(0.2 * STILL_SECONDS) == [3]
     for _ in range(5):

@@ -29,7 +29,6 @@ def angles(places):
 
 @pytest.mark.parametrize("duration", [1.0, -1.0])
 def test_path_has_the_direction_of_the_flow(duration):
-    """A path runs along the flow, also for a flow line that was followed backwards."""
     path = overlays.path_of_line(SPHERE, around(duration))
     assert angles(path.places)[-1] > angles(path.places)[0]
     np.testing.assert_allclose(np.linalg.norm(path.normals, axis=1), 1)
@@ -55,7 +54,6 @@ def test_line_has_heads():
 
 
 def test_isolines_have_their_values():
-    """Isolines lie at their values; there are none where the function is constant."""
     mesh = square(20)
     x = mesh.vertices[:, 0]
     vertices, faces = overlays.isoline_ribbons(mesh, x, [0.25, 0.6], HALF)

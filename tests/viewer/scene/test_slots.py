@@ -124,7 +124,6 @@ def point_at(seen, name, place):
 
 
 def test_surface_fits_its_slot_from_every_side():
-    """A surface stays in its slot from every side; from the front it fills the slot."""
     for rotation in rotations(100):
         seen = view(rotation=rotation)
         for name, slot in PLACES.items():
@@ -138,7 +137,6 @@ def test_surface_fits_its_slot_from_every_side():
 
 
 def test_matrix_agrees_with_projection():
-    """The camera's matrix gives the projected points; all surfaces have the same view."""
     seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
     np.testing.assert_allclose(places[1:], [places[0]] * 2, atol=1e-9)
@@ -193,7 +191,6 @@ def test_surfaces_move_with_the_mouse(delta):
 
 
 def test_nearest_slot_is_under_the_mouse():
-    """The slot nearest to the mouse is used, and a surface cannot leave its slot."""
     seen = view()
     assert seen.slot_at((450, 5)) == "advected"
     assert seen.slot_at((-20, 900)) == "source"
@@ -315,7 +312,6 @@ def scene():
 @pytest.mark.parametrize("size", [(1000, 700), (1280, 800), (2560, 1440)])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_surfaces_are_drawn_inside_their_slots(scene, layout, size, scale):
-    """From every side and at every zoom, pixels outside of all slots are empty."""
     session, six = scene._session, layout == "automatic"
     view = replace(session.view, layout=layout, blend=six, transport=six, error=six, viewpoint=None)
     session.editor.amend(view=view)

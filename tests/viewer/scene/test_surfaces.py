@@ -66,7 +66,6 @@ def test_pictures_do_not_depend_on_scale_and_offset(plain, scale, offset):
 
 @pytest.mark.parametrize(("scale", "offset"), PLACES[2:4])
 def test_overlays_and_clicks_are_on_the_surface(scale, offset, tmp_path):
-    """Arrows and a line are drawn, a vertex is picked, and a moved camera is stored."""
     save_project(tmp_path / "egg.abfm", document(moved(scale, offset)), {})
     with Driver(str(tmp_path / "egg.abfm"), size=(640, 480)) as gui:
         gui.session.editor.set_view("look", arrows=True)
@@ -94,7 +93,6 @@ def test_overlays_and_clicks_are_on_the_surface(scale, offset, tmp_path):
 
 @given(faces=st.integers(4, 10**7), scale=st.floats(1, 10_000), more=st.floats(1, 100))
 def test_wireframe_is_thinner_for_smaller_faces(faces, scale, more):
-    """Smaller faces and a greater distance never give wider edges."""
     assert 0 < edge_width(faces, scale) <= edge_width(faces, more * scale) <= 1
     assert edge_width(round(more * faces), scale) <= edge_width(faces, scale)
 
@@ -175,7 +173,6 @@ def bump(mesh, place):
 
 
 def test_front_shows_both_functions():
-    """The front is within 60 degrees of both functions, also if the surface is inside out."""
     sphere = icosphere(3)
     inside_out = TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])
     for places in ([[1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, 0, -1]], [[0, 0, 1], [0, 0, 1]]):
@@ -186,7 +183,6 @@ def test_front_shows_both_functions():
 
 
 def test_front_without_functions_is_the_broad_side():
-    """The front is the broad side; ties are decided independently of the order of faces."""
     assert abs(best_front(ellipsoid(3, 2, 1, 0.3)).direction[2]) > 0.95
     body = load_mesh(asset_path("human_A.off"))
     front = best_front(body)

@@ -1,5 +1,3 @@
-"""Exports in the background: the drawing process, its progress, and cancelling."""
-
 import threading
 from dataclasses import replace
 
@@ -70,7 +68,6 @@ def test_cancelled_movie_reports_progress_and_leaves_older_file(exporter, docume
 
 
 def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
-    """Known errors are reported before the process starts."""
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
     exporter.save_picture(out / "a.png", unknown, dict)
     exporter.wait()
@@ -107,7 +104,6 @@ def test_exports_factor_large_systems_in_a_subprocess(exporter, document, out, m
 
 
 def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatch):
-    """Exports run one after the other and report steps; cancelling ends all of them."""
     may_write, written = threading.Event(), []
 
     def write(path, found):

@@ -1,5 +1,3 @@
-"""Runs of a session: changes during a run, failures, remedies, and the view after a match."""
-
 import itertools
 from types import SimpleNamespace
 
@@ -35,7 +33,6 @@ def requests(monkeypatch):
 
 
 def test_coarse_meshes_are_prepared_once(requests, session):
-    """Coarse meshes are prepared once for each mesh and number of levels."""
     until(lambda: requests, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
@@ -65,10 +62,6 @@ def test_warm_start_converts_fields_and_tau(session):
 
 
 def test_run_follows_a_dragged_gaussian_at_once(endless):
-    """A run follows a dragged Gaussian at once, and a dragged alpha after the mouse is released.
-
-    During a run, Match has no effect.
-    """
     started = solving(endless).solver.started
     endless.match()
     assert endless.solver.started == started
@@ -96,7 +89,6 @@ def test_run_follows_a_dragged_gaussian_at_once(endless):
 
 
 def test_result_for_a_replaced_mesh_is_unsaved(endless):
-    """A result for a mesh that was replaced is not shown, but counts as unsaved."""
     solving(endless)
     endless.set_mesh(TORUS, "torus")
     end_run(endless)
@@ -167,7 +159,6 @@ def missed():
 
 
 def test_first_remedy_improves_the_match_in_one_step(missed):
-    """Parameters and match are one step of undo, unless the user changed something meanwhile."""
     before, result = missed.document, missed.result
     assert result.verdict.kind == "not reached"
     first = result.verdict.remedies[0]
@@ -192,7 +183,6 @@ def test_first_remedy_improves_the_match_in_one_step(missed):
 
 
 def test_continue_starts_from_the_current_field(missed):
-    """Continue starts from the current field; during a run a remedy has no effect."""
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
     assert not missed.matching.warm
     missed.remedy(Remedy("Continue", "go on", {}, True))
@@ -220,7 +210,6 @@ def shows_flow(session):
 
 
 def test_playing_waits_for_its_pictures(flowing, tmp_path):
-    """The flow is played when computed; the document stays saved, and undo removes it."""
     flowing.player.waiting = True
     matched(flowing)
     flowing.saves.record(flowing.document, Origin.of(tmp_path / "a.abfm"))
@@ -250,7 +239,6 @@ def test_actions_of_the_user_stop_playing(flowing):
 
 
 def test_the_flow_of_a_cancelled_run_is_shown(endless):
-    """After a cancelled run the flow is played, unless this is switched off."""
     end_run(solving(endless))
     assert (endless.player.playing, endless.time) == (False, endless.parameters.tau)
     assert not shows_flow(endless)

@@ -52,7 +52,6 @@ def threads():
 
 
 def test_other_meshes_have_no_threads(session):
-    """Threads for other meshes end, and undo starts them again."""
     first, values = session.surface().mesh, session.values("source")
     show(session, "second")
     most = len(threads()) + 1  # one more thread may have run at the same time
@@ -69,7 +68,6 @@ def test_other_meshes_have_no_threads(session):
 
 
 def test_caches_of_other_meshes_are_dropped(session):
-    """Caches of meshes that are not shown are dropped, and computed again after undo."""
     first = matched(session).surface().mesh
     assert first.cache
     show(session, "second", "third")
@@ -80,7 +78,6 @@ def test_caches_of_other_meshes_are_dropped(session):
 
 
 def test_meshes_outside_the_history_are_released(session, tmp_path, monkeypatch):
-    """Meshes beyond the undo history, with their saved states, are garbage-collected."""
     monkeypatch.setattr(editor, "UNDO_STEPS_MAX", 5)
     seen = weakref.WeakSet()
     for number in range(9):
@@ -120,7 +117,6 @@ def test_memory_of_the_history_is_bounded(session, monkeypatch):
 
 
 def test_the_latest_step_can_always_be_undone(session, monkeypatch):
-    """The latest step can be undone even if it exceeds the memory limit of the history."""
     monkeypatch.setattr(editor, "UNDO_BYTES_MAX", 0)
     start = session.document
     found = matched(session).result

@@ -1,5 +1,3 @@
-"""Steps of a match's path in a session: computed in the background, undone and saved."""
-
 import threading
 from dataclasses import replace
 
@@ -27,7 +25,6 @@ def go(session, step):
 
 
 def test_step_replaces_the_result_until_undo(walked):
-    """The chosen step replaces the result; undo restores the step that the solver chose."""
     found, steps = walked.result, walked.steps
     go(walked, 0)
     assert walked.result.residual == found.path[0].residual
@@ -59,7 +56,6 @@ def slow(walked, held):
 
 
 def test_the_latest_request_wins(slow):
-    """Only the latest requested step is shown; a request for a previous match is dropped."""
     session, may = slow
     found = session.result
     for step in (0, 1):

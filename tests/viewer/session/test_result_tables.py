@@ -1,5 +1,3 @@
-"""Names of rows, functions and subjects from their tables, and the search."""
-
 from dataclasses import replace
 from pathlib import Path
 

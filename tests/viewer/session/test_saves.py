@@ -1,5 +1,3 @@
-"""Unsaved changes of a sequence after exports and projects."""
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +31,6 @@ def export(sequence_session, path):
 
 
 def test_exported_sequence_file_counts_as_saved(sequence_session, tmp_path):
-    """A sequence exported as .npz counts as saved; other formats, which contain less, do not."""
     export(sequence_session, tmp_path / "sequence-lh.stc")
     assert sequence_session.saves.unsaved
     export(sequence_session, tmp_path / "sequence.npz")

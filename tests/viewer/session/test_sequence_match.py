@@ -80,7 +80,6 @@ def kill(match, folder, last=None):
 
 
 def test_next_run_resumes_from_a_failed_one(match, complete, tmp_path, monkeypatch):
-    """A killed process is started again; if the run fails, the next run resumes."""
     monkeypatch.setattr(sequence_match, "_TRIES", 2)
     match.begin(DOCUMENT)
     kill(match, tmp_path, kill(match, tmp_path))
@@ -175,7 +174,6 @@ def test_cancelled_runs_keep_their_fields_and_earlier_results(long_sequence):
 
 
 def test_chosen_settings_are_shown_and_stay_automatic(session):
-    """Held-out data choose the norm and sigma, which stay automatic in the settings."""
     few = replace(DOCUMENT.sequence, frames=check_frames(SPHERE, FRAMES[:5], None, None, None))
     session.restore(replace(DOCUMENT, sequence=few, settings=SequenceSettings()), {}, None)
     session.match()

@@ -1,5 +1,3 @@
-"""Sessions without a window: editing, undo, playback, and frames."""
-
 import time
 from dataclasses import replace
 
@@ -58,7 +56,6 @@ def test_functions_with_errors_prevent_a_match(session):
 
 
 def test_invalid_masks_and_extreme_functions_are_refused(session):
-    """Masks that are not valid, and functions beyond single precision, are refused."""
     for mask in ("expression:0*x", "coordinate:x"):
         session.editor.set_mask(mask)
         until(lambda: "computed" not in session.obstacle, session)
@@ -73,7 +70,6 @@ def test_invalid_masks_and_extreme_functions_are_refused(session):
 
 
 def test_new_mesh_starts_with_default_parameters_and_view(fresh):
-    """Parameters and view of the previous document, such as a figure's, are not kept."""
     wanted = replace(fresh.view, theme="dark", error=True, streaks=True, part="commuting")
     fresh.editor.amend(parameters=Parameters(sigma=0.5, tau=2.0), view=wanted)
     fresh.set_mesh(TORUS, "torus")
@@ -180,7 +176,6 @@ def test_notices_disappear(session, monkeypatch):
 
 
 def test_channels_without_weight_prevent_a_match(session):
-    """A match needs a channel with weight; if a removal leaves only weights of 0, they become 1."""
     session.editor.amend(channels=(replace(session.active, weight=0.0),))
     check_message(session.obstacle, 0)
     session.editor.amend(channels=(PAIR,))
@@ -246,7 +241,6 @@ def test_actions_between_two_drags_separate_their_steps(editor, between):
 
 
 def test_drag_is_one_step_and_amending_is_none(editor):
-    """A drag is one step of undo, amending is none, and any change clears the redo steps."""
     start = editor.document
     for moment in (0.1, 0.2, 0.3):
         move(editor, moment, "time")
@@ -266,7 +260,6 @@ def test_drag_is_one_step_and_amending_is_none(editor):
 
 
 def test_undo_keeps_the_viewpoint(editor):
-    """Undo keeps the viewpoint, unless the undone step changed it."""
     front, side, above = (Viewpoint(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
     move(editor, 1)
     editor.document = look(editor, viewpoint=front, enlarged="source")
@@ -330,7 +323,6 @@ def test_once_stops_at_the_end_and_plays_again_from_the_start():
 
 
 def test_loop_never_leaves_its_range():
-    """In a loop, times stay between 0 and tau for any frame duration."""
     times = played(playing("loop"), 0.0, 3 * SECONDS)
     assert min(times) == 0
     assert max(times) <= TAU
@@ -340,7 +332,6 @@ def test_loop_never_leaves_its_range():
 
 
 def test_ping_pong_reverses_at_both_ends():
-    """Ping-pong plays back and forth; changed to another mode it plays forward."""
     player = playing("ping-pong")
     times = played(player, 0.0, 3 * SECONDS)
     assert (times.count(TAU), times.count(0.0)) == (1, 2)
@@ -354,7 +345,6 @@ def test_ping_pong_reverses_at_both_ends():
 
 
 def test_constant_target_is_reported_before_the_match(session):
-    """A constant target is reported as impossible before a match, and is not rescaled."""
     session.editor.set_spec("target", "expression:2")
     ready(session)
     until(lambda: session.work.expected_facts, session)

@@ -1,5 +1,3 @@
-"""Opening and saving in a session: no result is lost, no run is ended, no frame is blocked."""
-
 import threading
 import time
 from dataclasses import replace
@@ -56,7 +54,6 @@ def results(desk):
 
 
 def test_opened_result_has_its_functions(desk, tmp_path):
-    """An opened result shows its functions and mask, and is not outdated."""
     session = desk.session
     f = np.stack([session.values("source"), session.values("target")], axis=1)
     mesh, mask, back = session.surface().mesh, np.linspace(0.5, 1, len(f)), f[:, ::-1].copy()
@@ -93,7 +90,6 @@ def test_functions_given_as_text_open_as_text(desk, tmp_path):
 
 
 def test_save_writes_the_file_of_the_current_document(desk, tmp_path):
-    """Save writes the file of the current document, also after undo to another document."""
     session = desk.session
     session.editor.set_parameter(alpha=3)
     for name in ("first", "second"):
@@ -122,7 +118,6 @@ def test_save_writes_the_file_of_the_current_document(desk, tmp_path):
     ],
 )
 def test_files_that_cannot_be_opened_change_nothing(desk, tmp_path, name, content, named):
-    """A file that cannot be opened has an error of one line and changes nothing."""
     if content is not None:
         (tmp_path / name).write_bytes(content)
     was = desk.session.document
@@ -136,7 +131,6 @@ def test_files_that_cannot_be_opened_change_nothing(desk, tmp_path, name, conten
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])
 def test_inconsistent_result_is_recomputed_on_opening(solved, tmp_path, suffix):
-    """A card reports that numbers of a result were recomputed."""
     found, path = solved.session.result, tmp_path / f"cheat.{suffix}"
     cheat = replace(found, fine_velocity=0 * found.velocity)
     solved.session.editor.amend(result=cheat)
@@ -233,7 +227,6 @@ def frames_of(desk):
 
 @pytest.mark.parametrize("name", ["f.npz", "f.txt", "f.gii"])
 def test_every_file_of_frames_opens(desk, tmp_path, name):
-    """Frames open alone, dropped together with their mesh, and from the command line."""
     mesh, path = desk.session.surface().mesh, tmp_path / name
     frames = np.float32(np.random.default_rng(3).normal(size=(3, len(mesh.vertices))))
     if name.endswith(".gii"):
@@ -301,7 +294,6 @@ def test_result_of_a_closed_document_stays_unsaved(solved, small, tmp_path):
 
 
 def test_changes_of_other_documents_are_unsaved(desk, small):
-    """Unsaved documents are listed in the order in which they were closed."""
     desk.session.editor.set_parameter(alpha=3)
     desk.open(small)
     for step in range(300):  # more steps than undo stores
@@ -329,7 +321,6 @@ def test_documents_closed_by_undo_and_redo_are_unsaved(desk, small):
 
 
 def test_undone_result_is_unsaved(solved, tmp_path):
-    """A result that was undone is unsaved until another state is saved."""
     session, found = solved.session, solved.session.result
     session.undo()
     session.editor.amend(parameters=Parameters())
@@ -348,7 +339,6 @@ def test_save_does_not_cover_a_later_result(solved, small, tmp_path):
 
 
 def test_opening_during_a_run_needs_a_confirmation(desk, small, tmp_path):
-    """A valid file needs a confirmation; an invalid one is refused without."""
     session = desk.session
     session.editor.amend(parameters=ENDLESS)
     solving(session)
@@ -515,7 +505,6 @@ def test_closing_does_not_wait_for_cancelled_requests(jobs, loading, slow):
 
 
 def test_project_of_landmarks_is_consistent_with_its_field(tmp_path):
-    """Numbers computed again on opening agree, also if flow lines cross thin triangles."""
     mesh = with_thin_triangles(icosphere(2))
     pairs = np.random.default_rng(3).choice(162, (4, 2), replace=False)
     found = match(Problem(mesh, None, None, landmarks=pairs))

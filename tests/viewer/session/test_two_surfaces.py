@@ -1,5 +1,3 @@
-"""Sessions on two surfaces, without a window."""
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -103,7 +101,6 @@ def registered(pair):
 
 
 def test_distortion_of_the_initial_map_is_only_reported(registered):
-    """An initial map beyond the bound of distortion is reported, but the match begins."""
     before = registered.result
     registered.bound.maximum = 0.05
     registered.bound.start()

@@ -1,5 +1,3 @@
-"""Arrows of a field: directions, lengths, spacing and visibility."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -80,7 +78,6 @@ def test_length_of_style_scales_all_arrows():
 
 
 def test_places_do_not_depend_on_the_field():
-    """Places depend on the mesh only; the arrows turn and scale with it."""
     one, other = (
         arrows_of(BALL, rotation(BALL, axis), STYLE).spines[:, 1]
         for axis in ((0, 0, 1.0), (1, 0, 0))
@@ -96,7 +93,6 @@ def test_places_do_not_depend_on_the_field():
 
 
 def test_arrows_are_only_where_the_field_is_fast():
-    """A single very fast face does not change the other arrows."""
     centres = BALL.vertices[BALL.faces].mean(axis=1)
     local = rotation(BALL) * np.exp(-((centres[:, :1] - 1) ** 2 + centres[:, 2:] ** 2) / 0.05)
     local += 1e-3 * rotation(BALL)
@@ -206,7 +202,6 @@ def test_spacing_in_pixels_does_not_depend_on_size():
 
 
 def test_eye_sees_more_arrows_than_without_one():
-    """With an eye there are more arrows, and every visible place has one nearby."""
     whole, style = np.zeros(2), ArrowStyle(1.0, 0.12, fast=1e-9)
     for seed in range(3):
         eye = Eye(axes(seed))

@@ -92,7 +92,6 @@ def test_pending_computations_are_named(session, shown, held):
 
 
 def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions):
-    """Streaks are computed once for each interval; until then it is played without."""
     document = document_of_sequence(solved(), Path("frames.npz"))
     session.restore(document, {}, None)
     session.editor.set_view("show", streaks=True)
@@ -131,7 +130,6 @@ def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions
 
 
 def test_streaks_darken_colors_of_the_function(session, shown):
-    """Streaks darken the function's colours by at most SHADE; without values they are grey."""
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)
     white = np.ones((atlas.size, atlas.size), dtype=np.float32)
@@ -158,7 +156,6 @@ def test_streaks_darken_colors_of_the_function(session, shown):
 
 
 def test_moving_streaks_are_periodic(session, shown, convolutions):
-    """Moving streaks are computed once, and the last phase leads evenly to the first one."""
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
@@ -250,7 +247,6 @@ def test_missing_commuting_field_has_a_reason(session, shown, monkeypatch):
 
 
 def test_earlier_field_is_shown_again_at_once(session, shown, held):
-    """An earlier field is shown at once while another one is computed."""
     begun, may_end = held(
         quantities_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
@@ -272,7 +268,6 @@ def test_earlier_field_is_shown_again_at_once(session, shown, held):
 
 
 def test_unit_of_speed_of_a_sequence():
-    """Speeds are in the mesh's unit per second; beyond single precision, in sqrt(area)."""
     mesh, unit = icosphere(1), "the mesh's unit per second"
     velocity = np.ones((len(mesh.faces), 3))
     speed = np.linalg.norm(velocity, axis=1)

@@ -1,5 +1,3 @@
-"""Paints of surfaces, without drawing."""
-
 from dataclasses import replace
 from typing import get_args
 
@@ -56,7 +54,6 @@ def test_surfaces_have_the_order_of_the_flow(session, view, names):
 
 
 def test_finer_mesh_is_shown_on_request(session, painter):
-    """On request a finer mesh is shown, whose first values are those of the mesh, at any time."""
     fine = subdivided(SPHERE)
     problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
     field = 0.3 * wavy_field(fine, 0)[None]
@@ -158,7 +155,6 @@ def test_transport_shows_earlier_time_meanwhile(session, held, shown, painter):
 
 
 def test_transport_of_negative_functions_has_a_note(session, shown, painter):
-    """Small negative values count as 0 with a note; other functions have no transport."""
     show(session, transport=True)
     set_source(session, "eigenfunction:2")
     paint = settled_transport(shown, painter)
@@ -195,7 +191,6 @@ def test_coordinates_are_shown_as_colors(session, shown):
 
 
 def test_side_without_values_is_grey(session, painter):
-    """A side without values is grey, and the other side keeps its colours."""
     target = painter.paint("target").values
     session.editor.set_spec("source", "eigenfunction:100000")
     until(lambda: session.work.error("source"), session)

@@ -42,7 +42,6 @@ def arrows_of(shown):
 
 
 def test_arrows_fade_where_the_field_is_undetermined(shown_of):
-    """Arrows fade away from a bump that rotates, where the field is undetermined."""
     angles = 0.15 * np.arange(4)
     bump = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
     sequence, shown = shown_of(np.exp(6 * (bump @ SPHERE.vertices.T - 1)), 0.0)
@@ -54,7 +53,6 @@ def test_arrows_fade_where_the_field_is_undetermined(shown_of):
 
 
 def test_standing_wave_has_no_arrows(shown_of):
-    """A standing wave has no arrows and is blended linearly between frames."""
     amplitudes = np.cos(0.2 * np.arange(5) + 0.5)
     frames = amplitudes[:, None] * np.cos(6 * SPHERE.vertices[:, 0])
     sequence, shown = shown_of(frames, 1.25)

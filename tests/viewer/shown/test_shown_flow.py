@@ -1,5 +1,3 @@
-"""The shown flow, and functions advected along it, at every time and during a run."""
-
 from dataclasses import dataclass, replace
 from time import sleep
 
@@ -56,7 +54,6 @@ def distance(a, b):
 
 
 def test_span_is_exact_at_tau(match, state, source):
-    """At computed times a span is exact to 1e-6, in between to 2e-3."""
     over = span(state, source)
     assert over.note == ""
     assert (over.times[0], over.times[-1]) == (0, 2)
@@ -83,7 +80,6 @@ def test_too_fast_flow_is_an_error(match, source, at_shown_time, jobs):
 
 
 def test_settled_time_is_exact(match, state, source, at_shown_time, jobs, held):
-    """A settled time is exact, a moving one shows blends, and time 0 needs no computation."""
     _, may_end = held(FlowState, "advect")
     assert at_shown_time.at(state, source, 0.0, settled=True) is source
     assert not jobs.busy
@@ -132,7 +128,6 @@ def advected(shown, time):
 
 
 def test_outdated_result_is_not_shown(session, shown):
-    """The source is advected along the present flow, not taken from an outdated result."""
     session.editor.set_spec("source", "coordinate:x")
     ready(session)
     sleep(0.2)
@@ -152,7 +147,6 @@ def test_new_channel_is_advected_by_the_field_of_the_run(endless, watched):
 
 
 def test_run_shows_newest_picture_at_tau(endless, watched):
-    """At tau the newest picture is shown; at other times the flow is computed."""
     shown = watched(endless)
     solving(endless)
     hold(endless)
@@ -172,7 +166,6 @@ def test_run_shows_newest_picture_at_tau(endless, watched):
 
 
 def test_end_of_a_match_is_shown(session, shown):
-    """After a match tau is shown; a change of tau keeps the position on the time bar."""
     np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
     session.set_time(0.5)
     session.editor.set_parameter(tau=2.0)
@@ -182,7 +175,6 @@ def test_end_of_a_match_is_shown(session, shown):
 
 
 def test_settled_time_is_exact_after_a_match(watched):
-    """Times are exact after a match even if the flow was shown before it ended."""
     session = opened()
     try:
         shown = watched(session)

@@ -77,7 +77,6 @@ class RealWindow:
             self.key("", "Return")
 
     def key(self, modifier, key):
-        """Press a key with the name of X."""
         if modifier:
             self.xdotool("keydown", modifier)
         self.xdotool("key", key)

@@ -1,5 +1,3 @@
-"""Copies of unsaved work."""
-
 import threading
 from functools import partial
 

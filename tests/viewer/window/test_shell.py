@@ -1,5 +1,3 @@
-"""Menus, keys, dialogs, files and preferences in a running window, and the end of the program."""
-
 from types import SimpleNamespace
 
 import polyscope.imgui as imgui
@@ -164,7 +162,6 @@ def fail_after_a_dialog(gui, mesh_file, capsys):
 
 
 def test_preferences_are_stored(state, launched):
-    """Preferences are stored, and invalid ones are ignored."""
     with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
@@ -263,7 +260,6 @@ def test_window_opens_before_the_solver_is_loaded(tmp_path):
     ],
 )
 def test_bad_arguments_exit_with_status_2(words, named, capsys):
-    """Bad arguments are an error of one line with exit status 2."""
     assert app.main(words) == 2
     message = capsys.readouterr().err
     assert message.startswith("abfm-viewer: ")
@@ -305,7 +301,6 @@ for moment, iterations in (("solver", 100_000), ("streaks", 10)):
 
 
 def test_closing_during_work_leaves_nothing_behind(tmp_path):
-    """No output or error appears if the window closes during a run or during streaks."""
     done = python(_CLOSED, str(tmp_path))
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
@@ -330,7 +325,6 @@ sys.exit(status)
 
 @pytest.mark.parametrize(("words", "name"), [("", "a.off"), ("['b.off']", "b.off")])
 def test_program_ends_after_cleanup(words, name):
-    """The program ends after its cleanup, whereas a caller of `main` continues."""
     done = python(_PROGRAM.replace("{words}", words))
     assert (done.returncode, done.stderr) == (7, "")
     lives_on = ["taken apart"] if words else []
@@ -353,7 +347,6 @@ for module in (exponential, coarsening, optimizer, line_integral, texture_atlas)
 
 
 def test_kernels_are_compiled_before_the_first_match():
-    """In a fresh process, the kernels of a match are compiled before it begins."""
     done = python(_COUNT_COMPILED, check=True)
     compiled = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
     assert len(compiled) == 5

@@ -1,5 +1,3 @@
-"""Obstacles that are known before the first iteration, the same in both directions."""
-
 import numpy as np
 import pytest
 

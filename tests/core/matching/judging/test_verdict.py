@@ -1,5 +1,3 @@
-"""Verdicts of matches with their causes and remedies."""
-
 import itertools
 import json
 import math
@@ -118,7 +116,6 @@ def test_verdict_ignores_a_large_constant():
 
 
 def test_different_ranges_are_impossible():
-    """Different ranges are impossible to match; the reason names the channel that differs most."""
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
     bound = range_bound(match.problem.functions)
     assert bound > 0.4
@@ -198,7 +195,6 @@ def test_different_boundary_values_are_not_reached():
 
 
 def test_unconfirmed_match_is_not_reached():
-    """Without confirmation by flow lines, or with folded faces, a match is not reached."""
     given = at(0), at(40), at(40)
     verdict = verdict_of(*given, verified=0.4)
     assert verdict.kind == "not reached"
@@ -275,7 +271,6 @@ def test_similar_signals_have_a_neutral_reason():
 
 
 def test_every_verdict_is_one_line_without_a_full_stop():
-    """Every combination of functions and evidence has one line of reason and of advice."""
     f, g, unknown, kinds = at(0), at(60), np.nan, set()
     for source, target in ((f, g), (f, 1.3 * g), (f, 3 * g), (f, g + at(-60)), (FLAT, f)):
         for advected, reason, verified, folded in itertools.product(

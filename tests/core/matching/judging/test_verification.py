@@ -103,7 +103,6 @@ def test_rough_fields_flip_faces_or_overflow():
 
 
 def test_several_fields_and_channels_are_verified():
-    """Two rotations that do not commute are verified; a channel of weight 0 is ignored."""
     mesh = icosphere(4)
     first, second = [np.pi / 2, 0, 0], [0, 0, np.pi / 2]
     fields = np.stack([2 * rotation_field(mesh, first), 2 * rotation_field(mesh, second)])
@@ -173,7 +172,6 @@ def test_check_on_subdivision_is_optional(monkeypatch):
     ],
 )
 def test_checks_disagree_by_difference_and_ratio(flow_lines, subdivided, checks_disagree):
-    """Two residuals disagree if they differ by more than 0.05 and by a ratio above 2."""
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.checks_disagree == checks_disagree
     assert one.residual == flow_lines

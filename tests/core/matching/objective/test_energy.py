@@ -69,7 +69,6 @@ def order_at(E, v, size=0.02, **of_stage):
     ids=["one field", "three fields", "linearised"],
 )
 def test_gradient_is_exact(mesh, order, reach, channels, kind):
-    """The Taylor remainder has order 1.9 or more, for all norms and methods of stages."""
     E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
     v = frames(mesh, E.parameters.solver.segments)
     assert order_at(E, v, reach=reach) >= 1.9
@@ -167,7 +166,6 @@ def test_linearised_bracket_is_the_exact_gradient():
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("segments", [1, 3])
 def test_bracket_gradient_without_motion_is_exact(order, segments):
-    """At v = 0, the bracket gradient is the exact one, for any norm of the mismatch."""
     exact, bracket = (
         energy(OPEN, 3, order=order, segments=segments, gradient=kind)
         for kind in ("adjoint", "bracket")
@@ -181,7 +179,6 @@ def test_bracket_gradient_without_motion_is_exact(order, segments):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
 def test_other_alpha_is_equivalent_to_other_parameters(order, alpha):
-    """An objective with another alpha equals one of such parameters; the cached norm stays."""
     E, other, v = energy(OPEN, order=order), energy(OPEN, order=order, alpha=alpha), frames(OPEN, 1)
     before = E.objective(0.2).evaluate(v)
     found = E.objective(0.2, alpha=alpha).evaluate(v)
@@ -196,7 +193,6 @@ def test_other_alpha_is_equivalent_to_other_parameters(order, alpha):
 
 
 def test_only_the_latest_other_alpha_is_cached():
-    """Large factorisations are cached for the latest of many values of alpha only."""
     E = energy(OPEN)
     usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
     gc.collect()
@@ -258,7 +254,6 @@ def test_exponent_bounds_the_spectrum():
 
 
 def test_overflow_has_infinite_energy():
-    """If the flow overflows, the energy is infinite and the advected source is NaN."""
     E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
     assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
     assert np.isnan(E.advected(1e9 * v)).all()

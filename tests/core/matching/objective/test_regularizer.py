@@ -85,7 +85,6 @@ def test_norm_and_inverse_are_symmetric_and_positive(mesh, alpha, order, diverge
 
 
 def test_inverse_agrees_with_scipy(mesh, monkeypatch):
-    """The inverse equals SciPy's, with and without cholespy; for alpha 0 the norm is the mass."""
     m = random_field(mesh)
     for alpha in (0.1, 1e3):
         expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
@@ -158,7 +157,6 @@ ctypes.pythonapi.Py_IncRef(ctypes.py_object(factor(sparse.csr_array(sparse.eye_a
 
 
 def test_factorisation_at_exit_reports_no_leak():
-    """A factorisation that exists when the interpreter ends causes no leak report."""
     assert python(_OUTLIVES, check=True).stderr == ""
 
 
@@ -174,7 +172,6 @@ def test_factoring_in_subprocesses_is_bitwise_equal():
 
 
 def test_ended_factoring_process_raises_memory_error():
-    """Solving by a subprocess that ended raises a MemoryError; unused subprocesses end."""
     with factoring_in_subprocess(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
@@ -193,7 +190,6 @@ def test_ended_factoring_process_raises_memory_error():
 
 
 def test_factoring_in_subprocess_is_local():
-    """Only systems of enough unknowns, in the thread of the context manager, use a subprocess."""
     matrix = sparse.csr_array(sparse.eye_array(3))
     found = []
     with factoring_in_subprocess(1):

@@ -1,5 +1,3 @@
-"""The continuation of a match: variants, steps of sigma, selection, and refinement."""
-
 from dataclasses import replace
 from functools import cache
 from itertools import groupby, pairwise
@@ -109,7 +107,6 @@ def test_second_variant_has_two_fields(sigma, required):
 
 @pytest.mark.parametrize(("width", "sigma", "count"), [(0.2, 0.02, 2), (0.3, 0.05, 3)])
 def test_short_coarse_stages_end_at_the_same_match(width, sigma, count, monkeypatch):
-    """With fewer iterations on coarse levels, the final energy stays within 10%."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, width) for axis in ([0, 0, 1], [0, 1, 0]))
     p = Parameters.of(sigma=sigma, cooling_stages=1, levels=count)
@@ -163,7 +160,6 @@ def test_path_ends_when_both_checks_reach_the_goal(goal):
 
 
 def test_best_step_by_larger_residual_is_selected():
-    """If no step reaches the goal, the step of the smallest larger residual is selected."""
     match, _ = exact(0.07, 30)
     residuals = [worse(step) for step in match.path]
     assert min(residuals) > match.parameters.goal
@@ -174,7 +170,6 @@ def test_best_step_by_larger_residual_is_selected():
 
 @pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.12, 60), (0.1, 100)])
 def test_correction_balances_both_checks(width, b, monkeypatch):
-    """The correction lowers the larger of both residuals, and halves their difference."""
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(continuation, "_corrected", lambda state, level: state)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
@@ -196,7 +191,6 @@ def test_path_ends_at_given_sigma(sigma, unit):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_residual_falls_and_distortion_grows_with_sigma(seed):
-    """For measured functions, smaller sigmas have smaller residuals and larger distortion."""
     ends = [registered(seed, sigma=sigma)[0].path[-1] for sigma in SIGMAS]
     assert [end.sigma for end in ends] == list(SIGMAS)
     assert (np.diff([end.residual for end in ends]) < 0).all()
@@ -252,7 +246,6 @@ def test_selected_sigma_is_minimised():
 
 
 def test_selection_of_sigma_costs_little(monkeypatch):
-    """The folds of held-out data together take less than twice the evaluations of the steps."""
     in_folds, search = [], descent.search_of
 
     def counted(energy, stage, at):
@@ -270,7 +263,6 @@ def test_selection_of_sigma_costs_little(monkeypatch):
 
 
 def test_measured_functions_ignore_a_start():
-    """Measured functions ignore a given start, except without iterations."""
     match, _ = registered(0)
     again = abfm.match(match.problem.starting_from(match.path[-1].velocity))
     assert_array_equal(again.fine_velocity, match.fine_velocity)
@@ -308,7 +300,6 @@ def test_measurements_of_steps_agree_with_their_fields(found):
 @pytest.mark.parametrize("width", [0.1, 0.12])
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
 def test_refinement_never_increases_the_residual(width, changes):
-    """The residual never grows; subdivisions end early if another one does not help."""
     of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
     residuals = [match.worse_residual for match in of]
     assert residuals == sorted(residuals, reverse=True)
@@ -338,7 +329,7 @@ def test_refined_match_is_a_match_of_the_mesh():
 
 
 def test_resolved_functions_are_rarely_refined():
-    """Functions are refined if flow lines alone have a large residual, but could match them."""
+    """A finer mesh is used if only the residual along flow lines is large, unless peaks differ."""
 
     def resolved(f, g, mismatch, verified):
         energy = MatchingEnergy(SPHERE, f, g, Parameters())
@@ -364,14 +355,12 @@ def test_jumps_are_refined_only_on_request():
 
 
 def test_refinement_needs_remaining_iterations():
-    """Without remaining iterations, an unfinished match is not refined."""
     for iterations, times in ((6, 0), (60, 1)):
         found = exact(0.2, 30, SMALL, refine=None, iterations=iterations)[0]
         assert (found.refined, len(found.energy_history)) == (times, iterations + 1)
 
 
 def test_refinement_of_unconfirmed_matches():
-    """With a given sigma or measured functions, meshes are refined only on request."""
     assert exact(0.12, 30, SMALL, refine=None)[0].refined > 0
     assert exact(0.12, 30, SMALL, refine=None, sigma=0.3)[0].refined == 0
     assert exact(0.12, 30, SMALL, refine=1, sigma=0.3)[0].refined == 1

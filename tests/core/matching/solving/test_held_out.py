@@ -1,5 +1,3 @@
-"""Held-out patches: folds of the surface, scores, and the selection of sigma."""
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -52,7 +50,6 @@ def test_folds_consist_of_patches():
 
 @pytest.mark.parametrize("mask", [None, MASK])
 def test_every_vertex_is_held_out_once(mask):
-    """The hidden weights of all folds add up to the mask; folds share the factorisations."""
     complete = energy(*bumps(5), mask)
     parts = fold_energies(complete)
     given = np.ones(len(SPHERE.vertices)) if mask is None else mask
@@ -81,7 +78,6 @@ def test_score_is_the_residual_of_held_out_patches():
 
 
 def test_fields_do_not_depend_on_held_out_values():
-    """Other target values on the patches of a fold change the fields of all other folds only."""
     (f, g), fields = bumps(5), []
     p = Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0)
     stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
@@ -116,7 +112,6 @@ SIGMAS = np.array([6.0, 3.0, 2.0])  # Gaussians at different distances
 
 @pytest.mark.parametrize("best", [2.3, 3.0, 4.1])
 def test_parabola_finds_exact_minimum(best):
-    """For scores that are quadratic in log sigma, minimum and interpolated values are exact."""
     scores = 0.7 + 0.04 * np.log(SIGMAS / best) ** 2
     sigma, weights = best_between(SIGMAS, scores)
     assert sigma == pytest.approx(best, rel=1e-9)
@@ -126,7 +121,6 @@ def test_parabola_finds_exact_minimum(best):
 
 
 def test_parabola_is_invariant():
-    """Offset and scale of the scores have no effect, and sigma keeps its unit."""
     scores = np.array([0.62, 0.58, 0.59])
     sigma, weights = best_between(SIGMAS, scores)
     for times, offset, unit in ((1, 5, 1), (20, 0, 1), (1e-3, -0.3, 1), (1, 0, 7.0)):

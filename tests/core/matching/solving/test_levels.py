@@ -1,5 +1,3 @@
-"""The levels of a match, and transfers between two meshes of a surface."""
-
 import threading
 import time
 from dataclasses import replace
@@ -100,7 +98,6 @@ def test_coarse_levels_resolve_the_functions(monkeypatch):
 
 
 def test_energy_is_similar_on_all_levels():
-    """The energies of the zero field differ by less than 15%, with masks, weights and reach."""
     mesh = icosphere(4)
     f = np.stack([bump(mesh, [0, 0, 1], 0.3), 2 * bump(mesh, [1, 0, 0], 0.3)], axis=1)
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
@@ -137,7 +134,6 @@ def test_fields_round_trip_between_levels():
 
 
 def test_transfers_of_different_meshes_are_distinct():
-    """Coarse meshes with equally many vertices but different faces have their own transfers."""
     fine, coarse = icosphere(2), icosphere(1)
     other = renumbered(coarse, 1)[0]
     assert module._transfer(fine, coarse).coarse is coarse
@@ -195,7 +191,6 @@ def test_averages_preserve_integrals():
 
 
 def test_linear_functions_on_a_plane_are_exact():
-    """Linear functions and constant fields are exact where the coarse mesh covers the fine one."""
     pair, slope = transfer(FINE["square"]), np.array([2.0, -3.0, 0.0])
     mesh, coarse = pair.fine, pair.coarse
     covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
@@ -234,7 +229,6 @@ def test_transfer_errors_have_order_two():
 
 
 def test_discretisation_errors_of_levels_have_order_two():
-    """A level's error falls with order 2, and is independent of units and offsets of functions."""
     mesh = icosphere(4)
     f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
 
@@ -260,7 +254,6 @@ def assert_equal_except_on_edges(found, expected):
 @pytest.mark.parametrize("name", ["genus two", "hemisphere"])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e9])
 def test_transfers_are_invariant_to_motion_and_unit(name, scale):
-    """Rotated and scaled meshes without symmetry have the same transfers."""
     here, rotation = transfer(FINE[name]), Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
     fine, coarse = here.fine, here.coarse
     there = Transfer(
@@ -300,7 +293,6 @@ def test_transfers_are_bitwise_reproducible():
 
 
 def test_transfer_to_the_same_mesh_preserves_functions():
-    """A transfer to the same mesh preserves functions, but smooths fields."""
     mesh = icosphere(4)
     pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))
     f = bump(mesh, [0, 0, 1], 0.1)
@@ -312,7 +304,6 @@ def test_transfer_to_the_same_mesh_preserves_functions():
 
 
 def test_uncovered_vertices_have_the_closest_value():
-    """Coarse vertices that cover no fine vertex have the value of the closest point."""
     coarse, fine = icosphere(3), icosphere(1)
     pair = Transfer(coarse, fine)
     assert (pair.interpolation.T @ vertex_areas(fine) == 0).sum() > 500

@@ -1,5 +1,3 @@
-"""The schedule of a match: values of sigma, variants and stages."""
-
 import math
 from dataclasses import replace
 
@@ -23,7 +21,6 @@ SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
 
 @given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
 def test_given_sigma_is_the_last_one(sigma, factor, functions):
-    """A given sigma is the last value; those before are multiples of it."""
     given = Parameters.of(sigma=sigma, cooling_factor=factor)
     sigmas = Schedule(given, functions, 1).sigmas
     assert sigmas[-1] == sigma
@@ -38,7 +35,6 @@ def test_given_sigma_is_the_last_one(sigma, factor, functions):
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize(("functions", "power"), [(EXACT, 1), (MEASURED, 0.5)])
 def test_automatic_sigmas_begin_at_the_largest_one(functions, power, unit):
-    """Automatic sigmas fall by a factor of 3, and more slowly for measured functions."""
     schedule = Schedule(Parameters.of(sigma_unit=unit), functions, 1)
     sigmas = np.divide(schedule.sigmas, 1 if unit == "relative" else functions.function_size)
     assert (sigmas[0], schedule.is_measured) == (FIRST_SIGMA_MAX, functions is MEASURED)
@@ -48,7 +44,6 @@ def test_automatic_sigmas_begin_at_the_largest_one(functions, power, unit):
 
 @given(SIGMA, FACTOR, st.integers(1, 8), st.integers(0, 2000))
 def test_one_mesh_without_reach_has_schedule_of_the_paper(sigma, factor, count, iterations):
-    """Every sigma down to the given one is used, and each stage has its share of iterations."""
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
     p = Parameters.of(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
@@ -89,7 +84,6 @@ def test_fixed_stages_use_all_their_iterations():
     ],
 )
 def test_second_variant_has_two_fields_or_a_smaller_alpha(changes, functions, other):
-    """The second variant has two fields or, for measured functions, a third of alpha."""
     p = Parameters.of(**changes)
     first = (p.alpha, 1)
     variants = [first, other] if other else [first]
@@ -119,7 +113,6 @@ def test_stages_have_goals_and_iterations(iterations, goal, meshes):
 
 
 def test_given_sigma_ends_coarse_levels_at_their_error():
-    """Only the last stage of a coarse level ends at its error, and only for a given sigma."""
     p = Parameters(sigma=0.1)
     schedule, variant = Schedule(p, EXACT, 2), Variant(p.alpha, 1)
     *early, last = schedule.sigmas

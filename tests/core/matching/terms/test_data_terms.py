@@ -1,5 +1,3 @@
-"""Data terms and norms of the objective: exact gradients, and the smoothed norm."""
-
 from dataclasses import replace
 from functools import partial
 
@@ -156,7 +154,6 @@ def metric(mesh, reach, areas=None):
 
 @pytest.mark.parametrize("reach", REACHES)
 def test_smoothed_norm_is_symmetric_and_positive(mesh, reach):
-    """All eigenvalues are positive and scaled to L2, so only an exact match has energy 0."""
     smoothed = metric(mesh, reach)
     matrix = np.stack([smoothed(row) for row in np.eye(len(mesh.vertices))])
     assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
@@ -237,7 +234,6 @@ def test_initial_energy_is_that_of_l2():
 
 @pytest.mark.parametrize("degrees", [60, 100, 140])
 def test_derivative_leads_to_a_disjoint_target(degrees):
-    """For disjoint bumps, moving towards the target lowers the energy only with a reach."""
     mesh, angle, slopes = icosphere(4), np.deg2rad(degrees), {}
     f, g = (bump(mesh, [0, np.sin(a), np.cos(a)], 0.05) for a in (0, angle))
     E = MatchingEnergy(mesh, f, g)

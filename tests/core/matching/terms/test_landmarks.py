@@ -1,5 +1,3 @@
-"""Landmarks as a data term: energies, derivatives and checks of their input."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -229,7 +227,7 @@ def test_files_store_functions_of_weight_zero(tmp_path):
 
 @pytest.mark.parametrize("iterations", [1, 3])
 def test_cancelled_match_in_controlled_thread_has_a_field(iterations):
-    """A control of the thread, as in a process that is cancelled from outside, is also obeyed."""
+    """A match obeys the control of its thread, as in a process that is cancelled from outside."""
     control = abfm.workers.Control()
 
     def cancel(now):

@@ -1,5 +1,3 @@
-"""Squared distances along a surface: accuracy, continuity and slopes."""
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -70,7 +68,6 @@ def test_distances_on_a_sphere_converge_to_arcs():
 
 
 def test_distances_are_continuous_with_exact_slopes():
-    """Squared distances are continuous across edges, and their slopes are exact inside faces."""
     mesh = SURFACES["genus two"].normalized()
     slots = mesh.edge_slots[~mesh.is_boundary_edge][:40]
     weights = np.zeros((2, len(slots), 3))
@@ -95,7 +92,6 @@ def test_distances_are_continuous_with_exact_slopes():
 
 @pytest.mark.parametrize("name", ["sphere", "flat ellipsoid", "torus", "genus two", "cylinder"])
 def test_descent_leads_to_the_point(name):
-    """The point is the only minimum of the squared distance."""
     mesh = (SURFACES | {"sphere": icosphere(3), "flat ellipsoid": ellipsoid(2, 1.0, 1.0, 0.1)})[
         name
     ].normalized()

@@ -25,7 +25,6 @@ def moved(mesh, side=1):
 
 
 def test_moved_body_is_found_by_closest_points():
-    """A moved body is mapped by closest points, which lie inside faces."""
     a = moved(BODY)
     b = coarsened(BODY, 130)
     nearest = PointMap.project(BODY, b, BODY.vertices).nearest_vertices()[TIPS[:4]]
@@ -54,7 +53,6 @@ def test_poses_are_found_by_eigenfunctions():
 
 @pytest.mark.parametrize("mesh", [BODY, icosphere(1)])
 def test_mirror_images_are_found_by_landmarks(mesh):
-    """Landmarks lead to mirror images, also if a mesh has too few vertices for eigenfunctions."""
     b, vertices = moved(mesh, -1), [0, 5, 17, 30]
     given = MapInput(mesh, b, landmarks=Landmarks.of_vertices(mesh, b, vertices, vertices))
     points = initial_map("landmarks:mirror", given).correspondence.points
@@ -62,7 +60,6 @@ def test_mirror_images_are_found_by_landmarks(mesh):
 
 
 def test_map_contains_landmarks():
-    """The initial map takes landmarks to landmarks, whatever the shapes are."""
     a, b = BODY, TriangleMesh(BODY.vertices * [1, 1.6, 1], BODY.faces)
     rng = np.random.default_rng(0)
     places = rng.choice(len(b.vertices), 5, replace=False)

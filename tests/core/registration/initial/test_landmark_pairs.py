@@ -85,7 +85,6 @@ def line(x, y):
 
 
 def test_curves_are_divided_by_arc_length(read):
-    """Lines with uneven and different numbers of points on A and B correspond by arc length."""
     flat, rows = square(8), []
     for x, y in ((0.1, 0.2), (0.4, 0.4), (0.15, None), (0.9, 0.8), (0.95, None)):
         rows.append(f"{line(x, 0.5)},{line(0.3, y) if y is not None else ',,'},rim")
@@ -98,7 +97,6 @@ def test_curves_are_divided_by_arc_length(read):
 
 
 def test_curves_with_few_points_stay_on_the_surface(read):
-    """A quarter of a great circle by three points is divided into equal angles."""
     sphere = icosphere(4)
     ends = [np.array(p, dtype=float) for p in ([1, 0, 0], [0.6, 0.8, 0], [0, 1, 0])]
     vertices = [int(np.linalg.norm(sphere.vertices - p, axis=1).argmin()) for p in ends]

@@ -57,7 +57,6 @@ def test_identity_costs_two():
 
 
 def test_mirror_image_has_the_same_cost():
-    """The energy, descriptors and commutator of a mirrored map are those of the identity."""
     identity = np.arange(len(COARSE.areas))
     image = mirrored(COARSE.mesh)
     shape = coarse_shape(image, 300)
@@ -67,7 +66,6 @@ def test_mirror_image_has_the_same_cost():
 
 
 def test_relaxation_reduces_the_energy():
-    """A noisy map becomes closer to the identity."""
     rng = np.random.default_rng(0)
     around = np.argsort(COARSE.distances, axis=1)[:, :20]
     to_a = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
@@ -119,7 +117,6 @@ def test_extremities_are_ends_of_limbs():
 
 
 def test_brackets_distinguish_mirror_images():
-    """Of two maps with equal distances, brackets find the one with the requested orientation."""
     ends = extremities.extremities(COARSE)
     for side in (1, -1):
         to_a = extremities.map_by_vertices(COARSE, COARSE, ends, ends, side)
@@ -147,7 +144,6 @@ def test_body_of_other_proportions_is_mapped(method):
 
 
 def test_incompatible_functions_have_little_influence():
-    """Noise of different distributions on A and B hardly changes the map."""
     b, truth = other_body()
     rng = np.random.default_rng(1)
     f = rng.normal(size=(6, len(BODY.vertices))) ** 3
@@ -165,7 +161,6 @@ def test_mirror_image_is_found_on_request():
 
 
 def test_spheres_with_equal_faces_may_be_rotated():
-    """Functions decide about a rotation, although the faces are the same."""
     ball = icosphere(3)
     weights = np.random.default_rng(3).normal(size=(3, 3))
     f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
@@ -178,7 +173,6 @@ def test_spheres_with_equal_faces_may_be_rotated():
 
 
 def test_no_search_if_vertex_numbers_are_good(monkeypatch):
-    """If vertex numbers correspond well, their map is used, and rotations are not tried."""
     ball = icosphere(3)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
