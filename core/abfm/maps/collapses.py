@@ -55,7 +55,7 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     """Reverse the last collapse, which removed ``vertex``; ``slot`` is opposite the collapsed edge.
 
-    Write the corners at the inserted vertex to ``star``, and return their count.
+    Write the corners at the vertex to ``star``, and return their count.
     """
     faces, twins, corner_of = surface
     for side in (slot, twins[slot]):
@@ -135,10 +135,10 @@ def _cheapest(
 def _collapse_round(
     points: FloatArray, surface: Surface, active: IntArray, removed: IntArray, done: int
 ) -> int:
-    """Remove the cheapest of the active vertices, no two of which are neighbours.
+    """Remove the cheapest active vertices, no two of which are neighbours.
 
-    Write them and the slots opposite the collapsed edges to ``removed``, after its first ``done``
-    columns. Return the new count of removed vertices.
+    Append them and the slots opposite the collapsed edges to ``removed``, which has ``done``
+    columns so far. Return the new count of removed vertices.
     """
     faces, twins, corner_of = surface
     count = corner_of.size

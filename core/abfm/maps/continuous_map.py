@@ -93,20 +93,14 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _with_loop_means(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Append to values (V, ...) at vertices their mean over each boundary loop.
-
-    The means belong to the vertices that close the holes of the mesh.
-    """
+    """Append to values (V, ...) their mean over each boundary loop, for its closing vertex."""
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )
 
 
 def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:
-    """Embed a surface in the sphere while its vertices are pulled toward targets (V, 3).
-
-    Return the positions (V, 3) of the vertices on the sphere.
-    """
+    """Embed a surface in the sphere, with its vertices (V, 3) pulled toward targets (V, 3)."""
     count, is_rotated = len(points), False
     pull, workspace = allocate_moves(count), allocate_workspace(count)
     with step("making the map continuous", count) as done:

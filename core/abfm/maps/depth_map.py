@@ -20,10 +20,7 @@ def nearest_depths(vertices: FloatArray, faces: IntArray, width: int, height: in
 
 @kernel
 def rasterize_depths(vertices: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
-    """Write the depths of faces (F, 3) to the pixels where they are larger than in ``nearest``.
-
-    ``nearest`` (height, width) has the depths so far. Larger depths are nearer to the viewer.
-    """
+    """Write the depths of faces (F, 3) to the pixels where they are larger than in ``nearest``."""
     height, width = nearest.shape
     for f in range(len(faces)):
         a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]

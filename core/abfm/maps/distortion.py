@@ -75,10 +75,7 @@ class Bound(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Distortion:
-    """Distortion of each of F faces by a map.
-
-    `abfm.maps.chord_distortion` and `abfm.PointMap.distortion` return such objects.
-    """
+    """Distortion of each of F faces by a map, see `abfm.PointMap.distortion`."""
 
     singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
     area: FloatArray  # (F,), ``J = s_1 s_2``: mapped area over area
@@ -112,16 +109,13 @@ class Distortion:
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
     def bound_of(self, share: float) -> float:
-        """Return the smallest bound of ``|log2 J|`` and ``|log2 R|`` for a share of the faces.
-
-        At least this share (0 to 1) of the faces satisfies the bound.
-        """
+        """Return the smallest bound of ``|log2 J|`` and ``|log2 R|`` for a share of the faces."""
         logs = np.log2(np.clip([self.area, self.conformal], _STRETCH_MIN, 1 / _STRETCH_MIN))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
 
     def bound(self, most: float) -> Bound:
-        """Return how well the map satisfies the bound ``most`` of ``|log2 J|`` and ``|log2 R|``."""
+        """Return the bound ``most`` of ``|log2 J|`` and ``|log2 R|``, and how well it holds."""
         return Bound(most, self.share_within(most), self.bound_of(BOUNDED_SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
@@ -168,10 +162,10 @@ def chord_distortion(
 def log2_changes(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray
 ) -> tuple[float, float, float]:
-    """Return statistics of the distortion of S faces, from the images (S, 3, 3) of their corners.
+    """Return statistics of a map that is linear on S faces, given the images (S, 3, 3) of corners.
 
-    The statistics are the mean and the 95th percentile of ``|log2 J|`` (areas), and the mean of
-    ``|log2 R|`` (shapes), all weighted by area. The map is linear on each face.
+    They are the mean and the 95th percentile of ``|log2 J|`` (areas), and the mean of
+    ``|log2 R|`` (shapes), all weighted by area.
     """
     found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _STRETCH_MIN)
     logs, areas = np.log2(found), face_areas(mesh)[faces]
@@ -253,9 +247,9 @@ def folded_shares(
     """Return the share of S faces that a map folds, and the share with flipped triangles.
 
     The triangle of a face lies between its mapped corners (S, 3, 3). If a smooth flow stretches
-    faces to slivers, several percent of these triangles seem flipped. Therefore a face counts as
-    folded only if more than three quarters of its 64 parts, which are mapped separately, are also
-    flipped. At most ``most`` flipped faces, evenly chosen, are divided.
+    faces to slivers, several percent of these triangles seem flipped. A face is therefore folded
+    only if more than three quarters of its 64 parts, mapped separately, are also flipped. At most
+    ``most`` flipped faces, evenly chosen, are divided.
     """
     flipped = faces[flipped_triangles(mesh, corners)]
     if not len(flipped):
@@ -271,8 +265,7 @@ def stretches_by_parts(
 ) -> tuple[FloatArray, FloatArray]:
     """Divide S faces into 64 parts each, and measure a map of the parts.
 
-    Return the shares (S,) of flipped parts, and the geometric means (S, 2) of the stretches of
-    parts.
+    Return the share (S,) of flipped parts, and the geometric means (S, 2) of the parts' stretches.
     """
     weights, parts = _grid(_PARTS)
     weights = (1 - _INWARD_SHARE) * weights + _INWARD_SHARE / 3
@@ -301,8 +294,7 @@ def _areas(corners: FloatArray) -> FloatArray:
 def _grid(n: int) -> tuple[FloatArray, IntArray]:
     """Return the points of a grid on a face, as barycentric weights, and the grid's n^2 triangles.
 
-    Each side of the face has n steps. The corners of every triangle have the same orientation as
-    those of the face.
+    Each side has n steps. All triangles have the orientation of the face.
     """
     steps = np.indices((n + 1, n + 1)).reshape(2, -1)
     second, third = steps[:, steps.sum(axis=0) <= n]

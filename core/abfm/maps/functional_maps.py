@@ -44,9 +44,8 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 def functional_map(points: PointMap, k: int) -> FloatArray:
     """Return a point map as a functional map of k eigenfunctions, shape (k, k).
 
-    The point map takes the target, its domain, to the source, its codomain. The functional map is
-    ``Phi_target^+ P Phi_source``, where ``P`` is the matrix of the point map, and ``Phi`` has the
-    eigenfunctions.
+    It is ``Phi_target^+ P Phi_source``. ``P`` is the matrix of the point map from the target, its
+    domain, to the source, its codomain. ``Phi`` has the eigenfunctions of a surface.
     """
     return spectral_coefficients(points.domain, points.pull_back(_basis(points.codomain, k)), k)
 
@@ -54,8 +53,7 @@ def functional_map(points: PointMap, k: int) -> FloatArray:
 def transfer(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
     """Transfer a function ``h`` from the source to the target by a functional map ``C``.
 
-    The result is ``Phi_target C Phi_source^+ h``, where ``Phi`` has the eigenfunctions of a
-    surface.
+    The result is ``Phi_target C Phi_source^+ h``, where ``Phi`` has a surface's eigenfunctions.
     """
     matrix = _check(C)
     coefficients = spectral_coefficients(source, h, matrix.shape[1])
@@ -130,11 +128,8 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
     """Return, for each row of ``target``, the index of the closest row of ``source C^T``.
 
-    ``C`` is a functional map. ``source`` and ``target`` have the values of eigenfunctions, one row
-    per point.
-
-    The search uses matrix products. They are 20 times as fast as a search tree if the map is far
-    from isometric.
+    ``source`` and ``target`` have the values of eigenfunctions, one row per point. If ``C`` is far
+    from isometric, matrix products are 20 times as fast as a search tree.
     """
     return nearest(target, source @ C.T)
 

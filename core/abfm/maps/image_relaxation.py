@@ -62,7 +62,7 @@ def relocate(image: Image) -> None:
 
 @unfused_kernel
 def _locate(codomain: Codomain, direction: FloatArray, face: int, place: FloatArray) -> int:
-    """Return the face of A in a direction; write the point of A there to ``place`` (3,), in space.
+    """Return the face of A in a direction, and write the point there to ``place`` (3,).
 
     The search begins at ``face``.
     """
@@ -86,10 +86,9 @@ def push_to_sphere(image: Image, moves: FloatArray, workspace: Workspace) -> Non
 
 @unfused_kernel
 def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
-    """Compute two axes in the face of A that contains the image of vertex ``v`` of B.
+    """Compute two ``axes`` in the face of A that contains the image of vertex ``v`` of B.
 
-    Write to ``slopes`` the velocities of the vertex on the sphere when its image moves along the
-    axes.
+    Write to ``slopes`` the velocities of the vertex on the sphere if its image moves along them.
     """
     (layout, points), direction = image.codomain, image.state.sphere[v]
     corners = layout.corners[image.faces[v]]
@@ -142,7 +141,7 @@ def _energy(
 ) -> float:
     """Return the energy of the faces around a vertex of B if it moves to a given direction.
 
-    ``place`` is the image of the vertex there. The energy includes its distance from the target.
+    ``place`` is the image of the vertex there; its distance from the target adds to the energy.
     """
     (_, surface, sphere), places = image.state, image.places
     total: float = 0.0
@@ -174,10 +173,9 @@ def _dirichlet(
 
 @unfused_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Workspace) -> None:
-    """Compute derivatives of the energy of the faces around vertex ``v`` of B along two axes.
+    """Write the derivatives of the energy of the faces around vertex ``v`` of B to ``around``.
 
-    The axes lie in the face of A that contains the image of the vertex. The derivatives are written
-    to the model of ``around``.
+    The derivatives are along two axes in the face of A that contains the image of the vertex.
     """
     (_, surface, sphere), places, model = image.state, image.places, around.model
     model[:] = 0.0
@@ -232,7 +230,7 @@ def _with_derivatives(
     axes: FloatArray,
     corners: tuple[FloatArray, FloatArray, FloatArray],
 ) -> tuple[float, float, float]:
-    """Return the Dirichlet energy of a face and its derivatives by moves of the first corner.
+    """Return the Dirichlet energy of a face, and its derivatives as the first corner moves.
 
     The corner moves along the two ``axes``.
     """

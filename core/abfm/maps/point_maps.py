@@ -104,10 +104,7 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Transfer a function (V',) or (V', C) of the codomain to the domain, (V,) or (V, C).
-
-        The result at a vertex is the value of the function at its image.
-        """
+        """Transfer a function (V',) or (V', C) of the codomain to the domain, (V,) or (V, C)."""
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:
@@ -187,7 +184,6 @@ class PointMap:
         return PointMap.of_points(self.codomain, found, interior_map, distances)
 
     def _nearest_image(self, positions: FloatArray) -> SurfacePoints:
-        """Return the points of the domain whose images are closest to positions (P, 3)."""
         return ClosestPoints(self.domain, self.positions).to(positions)
 
     def distortion(self) -> Distortion:

@@ -55,10 +55,7 @@ class MapAccuracy:
         return float(self.errors.max())
 
     def share_under(self, bound: ArrayLike) -> FloatArray:
-        """Return the share of vertices with an error of at most ``bound``, in sqrt(area).
-
-        The result has the shape of ``bound``.
-        """
+        """Return the share of vertices with errors up to each ``bound``, in sqrt(area)."""
         at_most = self.errors <= np.asarray(bound, dtype=np.float64)[..., None]
         return np.asarray(at_most.sum(axis=-1) / len(self.errors))
 
@@ -68,8 +65,8 @@ class MapAccuracy:
             f"{100 * self.share_under(bound):.1f} % under {bound:g}" for bound in ERROR_BOUNDS
         )
         return (
-            f"geodesic error: mean {self.mean:.4f}, median {self.median:.4f}, largest "
-            f"{self.maximum:.4f}; {', '.join(shares)}"
+            f"geodesic error in sqrt(area): mean {self.mean:.4f}, median {self.median:.4f}, "
+            f"largest {self.maximum:.4f}; vertices: {', '.join(shares)}"
         )
 
 
@@ -102,11 +99,11 @@ def map_accuracy(
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Return the distance along the surface from a vertex to a point inside a face.
+    """Estimate the distance along the surface from a vertex to a point inside a face.
 
-    The result is the smaller one of two upper bounds of the distance. One is interpolated between
-    the distances of the face's corners; on flat parts it is never too short. The other is the
-    shortest path through a corner.
+    The estimate is the smaller of two values, but at least the straight distance. One is
+    interpolated between the distances of the face's corners. The other is the length of the
+    shortest path through a corner. Neither is too short on flat parts.
     """
     corners = mesh.faces[face]
     point = barycentric @ mesh.vertices[corners]
@@ -143,8 +140,8 @@ class MapQuality:
     def report(self) -> str:
         """Return the distances and the share of folded faces as one line of text."""
         return (
-            f"off the surface: largest {self.largest_distance:.3g}, RMS {self.rms_distance:.3g} "
-            f"sqrt(area); folded: {100 * self.folded:.1f} % of the faces"
+            f"distance of images from the surface: largest {self.largest_distance:.3g}, RMS "
+            f"{self.rms_distance:.3g} sqrt(area); folded: {100 * self.folded:.1f} % of the faces"
         )
 
 
@@ -156,25 +153,24 @@ def map_quality(points: PointMap) -> MapQuality:
 
 
 class RoundTrip(NamedTuple):
-    """Statistics of the displacements of vertices by a map, followed by a map back.
+    """Statistics of the distances between vertices and their images after a map and a map back.
 
-    A displacement is measured in mean lengths of the edges at the vertex.
+    The unit of each distance is the mean length of the edges at the vertex.
     """
 
     median: float
     p95: float  # 95th percentile
 
     def report(self) -> str:
-        """Return the median and the 95th percentile of the displacements as one line of text."""
-        return f"round-trip error: median {self.median:.2g}, 95% {self.p95:.2g} edges"
+        """Return the median and the 95th percentile as one line of text."""
+        return f"round-trip error: median {self.median:.2g}, 95% {self.p95:.2g} edge lengths"
 
 
 def round_trip(points: PointMap, back: SurfaceMap) -> RoundTrip:
     """Measure how far vertices are displaced by a map, followed by a map back to the domain.
 
-    ``back`` is a function that takes points of the codomain and returns points of the domain, such
-    as `abfm.PointMap.at` of another map. On larger meshes 10,000 evenly chosen vertices are
-    measured.
+    ``back`` takes points of the codomain and returns points of the domain, such as
+    `abfm.PointMap.at` of another map. On larger meshes 10,000 evenly chosen vertices are measured.
     """
     mesh, count = points.domain, len(points.faces)
     ends, lengths = mesh.edges.ravel(), np.repeat(edge_lengths(mesh), 2)
@@ -198,12 +194,12 @@ class FlowMapQuality:
 
     @property
     def warning(self) -> str | None:
-        """Warning, with advice, if folded faces or the round trip exceed bounds; otherwise None."""
+        """Warning with advice if many faces are folded or the round trip is inexact, or None."""
         folded, error = self.distortion.flipped.mean(), self.round_trip.p95
         wrong = [f"{100 * folded:.0f}% of the faces are folded"] * bool(folded > FOLDED_SHARE_MAX)
         if error > RETURN_DISTANCE_MAX:
             wrong.append(
-                f"5% of the vertices return {error:.2g} or more edges from their original position"
+                f"5% of the vertices return {error:.2g} or more edge lengths away from their start"
             )
         if not wrong:
             return None

@@ -90,13 +90,13 @@ def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
 def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """Close each hole of a surface of genus 0 with a fan of faces around a new vertex.
 
-    Return points (V', 3), which begin with the vertices of the mesh, and faces (F', 3). Raise a
-    MeshError if the surface has handles or pinched vertices.
+    Return points (V', 3), which begin with the vertices of the mesh, and faces (F', 3). MeshError
+    if the surface has handles or pinched vertices.
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
             f"the number of pinched vertices of the mesh is {pinched}; an embedding in the sphere "
-            "needs a mesh without them. Split or remove them"
+            "needs a mesh in which parts never touch at a single vertex. Split these vertices"
         )
     if mesh.genus:
         raise MeshError(
@@ -149,10 +149,9 @@ class Embedding(NamedTuple):
 def unfolding(points: FloatArray, faces: IntArray) -> Iterator[tuple[Embedding, IntArray]]:
     """Embed a closed surface of genus 0 with vertices (V, 3); yield the state after every round.
 
-    A state has the `Embedding` and the indices of the active vertices, which are on the sphere so
-    far. Its points in space are scaled to the sphere's area. The first state is the tetrahedron.
-    All states share their arrays. Between rounds the caller may move vertices on the sphere if no
-    face is flipped.
+    A state has the `Embedding`, with points scaled to the sphere's area, and the indices of the
+    vertices on the sphere so far. The first state is the tetrahedron. All states share their
+    arrays. Between rounds the caller may move vertices on the sphere if no face is flipped.
     """
     count, surface = len(points), build_surface(faces, len(points))
     collapses, workspace = collapse(points, surface), allocate_workspace(count)
@@ -204,7 +203,7 @@ def _insert_vertices(
 ) -> bool:
     """Insert vertices in the reverse order of their removal, and move each one and its neighbours.
 
-    Return False if there is no position for a vertex because of rounding errors; otherwise True.
+    Return False if rounding errors exclude all positions of a vertex.
     """
     surface = state.surface
     around = np.empty_like(workspace.star)
@@ -227,7 +226,7 @@ def _place_vertex(state: Embedding, v: int, anchor: int, star: IntArray) -> bool
 
     The first candidate is the mean of its neighbours. Other candidates are near ``anchor``, the
     vertex into which it was collapsed. Their direction is the sum of the normals of the anchor's
-    two sides of the ring. Return False if rounding errors exclude all candidates; otherwise True.
+    two sides of the ring. Return False if rounding errors exclude all candidates.
     """
     faces, sphere = state.surface.faces, state.sphere
     place, inward, normal = np.zeros(3), np.zeros(3), np.empty(3)
@@ -260,10 +259,7 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
 
 @unfused_kernel
 def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
-    """Write the corners at a vertex and the shapes of their faces to ``workspace``.
-
-    Return the number of corners.
-    """
+    """Write the corners at a vertex and their faces' shapes to ``workspace``; return a count."""
     points, (faces, twins, corner_of), _ = state
     size = fill_star(workspace.star, twins, corner_of[v])
     for k in range(size):
@@ -317,10 +313,7 @@ def _energy(state: Embedding, place: FloatArray, size: int, workspace: Workspace
 
 @unfused_kernel
 def _set_model(state: Embedding, place: FloatArray, size: int, workspace: Workspace) -> None:
-    """Compute the derivatives of the energy of the faces at a vertex along two axes.
-
-    The axes are tangents of the sphere at ``place``, the position of the vertex.
-    """
+    """Compute the derivatives of the energy of the faces at a vertex along two tangent axes."""
     faces, sphere, (first, second) = state.surface.faces, state.sphere, workspace.axes
     workspace.model[:] = 0.0
     for k in range(size):

@@ -89,10 +89,9 @@ def shift(state: Embedding, active: IntArray, pull: MoveArrays, workspace: Works
 def _reduce_shares(
     state: Embedding, active: IntArray, pull: MoveArrays, factor: float, workspace: Workspace
 ) -> bool:
-    """Shorten the moves of corners of faces that they would flip, by ``factor``.
+    """Shorten by ``factor`` the moves of the corners of faces that would be flipped.
 
-    A face whose volume becomes too small also counts as flipped. Return whether there are such
-    faces.
+    A face whose volume becomes too small also counts as flipped. Return whether there were any.
     """
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare
     is_flipped = False

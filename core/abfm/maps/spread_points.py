@@ -31,8 +31,7 @@ class SpreadPoints:
         """Return the first points, as many as are at least ``spacing`` apart, in sqrt(area).
 
         Every point of the surface is within about the same distance of one of these points. The
-        smallest possible spacing is ``SPACING_MIN``. The points for a larger spacing are a subset
-        of those for a smaller one.
+        smallest possible spacing is ``SPACING_MIN``.
         """
         return self.points[np.arange(self.count(spacing))]
 
@@ -41,10 +40,9 @@ class SpreadPoints:
         return int(np.count_nonzero(self.gaps >= spacing))
 
     def thinned(self, order: IntArray, spacing: float) -> IntArray:
-        """Select points at least ``spacing`` apart, in sqrt(area), and return their indices.
+        """Select candidates at least ``spacing`` apart, in sqrt(area), and return their indices.
 
-        ``order`` (N,) has the indices of the candidates. They are tried in this order, and selected
-        if no point selected before is too close.
+        The candidates, given by their indices ``order`` (N,), are tried in this order.
         """
         unit = self.points[order].positions / self.points.mesh.length_scale
         taken = np.empty(len(order), dtype=np.int64)
@@ -56,11 +54,9 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     """Choose points of a surface one by one, each as far as possible from all points before it.
 
     The method is farthest-point sampling (Gonzalez, Clustering to minimize the maximum intercluster
-    distance, 1985) of candidates that are spread by area.
-
-    Distances are measured in space between points with similar normals, so both sides of a thin
-    part have separate points. The result is deterministic, and moves, rotates and scales with the
-    mesh.
+    distance, 1985) of candidates that are spread by area. Distances are measured in space between
+    points with similar normals, so both sides of a thin part have separate points. The result is
+    deterministic, and moves, rotates and scales with the mesh.
     """
     unit = mesh.normalized()
     candidates = points_by_area(unit, _CANDIDATES)
@@ -74,10 +70,7 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
-    """Return unit normals at points, interpolated between vertices.
-
-    Normals of the faces are not suitable, because those of slivers are random.
-    """
+    """Return unit normals at points, interpolated between vertices; those of slivers are random."""
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     corners, count = mesh.faces.ravel(), len(mesh.vertices)
     at_vertices = [np.bincount(corners, np.repeat(w, 3), count) for w in weighted.T]
@@ -95,13 +88,9 @@ def _farthest_first(
 ) -> tuple[IndexArray, FloatArray]:
     """Order positions (n, 3) so that each is the farthest from all positions before it.
 
-    Return the ``numbers`` of the first m positions in this order, and their gaps (m,). A gap is the
-    distance from the nearest position before; gaps descend to ``SPACING_MIN``. The order begins
-    with number 0.
-
-    Positions are sorted by their coordinate along ``axis``. The next chosen position has the
-    largest distance of all positions from the chosen ones. It therefore reduces the distances only
-    of positions within that distance.
+    Return the ``numbers`` of the first m positions in this order, beginning with number 0, and
+    their distances (m,) from the nearest position before, which descend to ``SPACING_MIN``.
+    Positions are sorted along ``axis``, since a chosen one affects only those within its distance.
     """
     order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
     squares = np.full(len(places), np.inf)  # squared distances to the nearest chosen place

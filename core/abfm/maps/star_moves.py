@@ -48,8 +48,7 @@ def normalize(a: FloatArray) -> None:
 def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     """Return six times the signed volume of the tetrahedron of a face and the sphere's centre.
 
-    For a small face on the unit sphere, this is twice the area of the face. It is negative for a
-    flipped face.
+    For a small face on the unit sphere, this is twice its area; negative if it is flipped.
     """
     return scalar(a, cross(difference(b, a), difference(c, a)))
 
@@ -88,9 +87,9 @@ def add_product(
 ) -> None:
     """Add the derivatives of ``D phi(V)`` along two axes to ``model`` (5,).
 
-    The model has the first derivatives 1, 2 and the second derivatives 11, 12, 22. ``dirichlet``
-    has D and its first derivatives, ``metric`` the second derivatives of D. ``logarithm`` has the
-    first derivatives of ``log V``, and ``phi`` the values ``phi``, ``V phi'`` and ``V^2 phi''``.
+    ``dirichlet`` has D and its first derivatives, ``metric`` the second derivatives of D.
+    ``logarithm`` has the first derivatives of ``log V``, and ``phi`` the values ``phi``, ``V phi'``
+    and ``V^2 phi''``.
     """
     value, d1, d2 = dirichlet
     v1, v2 = logarithm
@@ -103,10 +102,9 @@ def add_product(
 
 @unfused_kernel
 def step_to_minimum(model: FloatArray) -> tuple[float, float]:
-    """Return the step along two axes to the minimum of a quadratic model.
+    """Return the step along two axes to the minimum of a quadratic ``model`` (5,).
 
-    ``model`` (5,) has its first derivatives and the second derivatives 11, 12, 22. It is made
-    convex by larger second derivatives if necessary.
+    The model is made convex by larger second derivatives if necessary.
     """
     g1, g2, h11, h12, h22 = model
     middle, gap = (h11 + h22) / 2, np.hypot((h11 - h22) / 2, h12)

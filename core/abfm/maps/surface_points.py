@@ -119,7 +119,7 @@ def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:
     """Return the surface point closest to each of the points in space (P, 3), in mesh units.
 
-    The closest point is exact up to rounding, and deterministic if several faces are equally close.
+    If several faces are equally close, the result is deterministic.
     """
     return ClosestPoints(mesh).to(points)
 

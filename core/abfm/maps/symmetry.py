@@ -51,10 +51,7 @@ class Symmetry:
 
 
 class SymmetryError(AbfmError):
-    """An error because the surface has no symmetry of the requested kind.
-
-    ``error`` is the error of the best candidate, in sqrt(area).
-    """
+    """The surface has no symmetry; ``error`` is that of the best candidate, in sqrt(area)."""
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)
@@ -66,14 +63,13 @@ def detect_symmetry(
 ) -> Symmetry:
     """Find the mirror plane of a surface, or the axis of a rotation by ``2 pi / order``.
 
-    The result is cached with the mesh.
-
     Candidates are the principal axes of the surface. They are arbitrary if two moments are equal.
     Additional candidates therefore are the symmetries that map one of three vertices to another
     vertex with the same distance from the centroid. The best candidates are refined by iterations:
     find closest points, then fit the axis. Rotations of an order above 2 are not refined. All of
-    the best candidates are tested on all vertices. A candidate that permutes the vertices is
-    preferred to others, then one with a smaller error, then one with a larger displacement.
+    the best candidates are tested on all vertices. Candidates that permute the vertices are
+    preferred. Of those with at most twice the smallest error, the one that moves the vertices
+    farthest is returned.
 
     Raises
     ------
@@ -93,9 +89,9 @@ def detect_symmetry(
         axis = f"axis of rotation by {360 / order:g} degrees"
         what = "mirror plane" if kind == "mirror" else axis
         raise SymmetryError(
-            f"the surface has no {what}: the best one found moves a vertex {found.error:.3g} "
-            f"sqrt(area) away from the surface; expected at most {tolerance:g}. Use a file of "
-            "vertex numbers if you know the symmetry",
+            f"the surface has no {what}: the best candidate moves a vertex {found.error:.3g} "
+            f"sqrt(area) away from the surface; expected at most {tolerance:g}. If you know the "
+            "symmetry, use a file with the number of each vertex's image",
             found.error,
         )
     return found
@@ -223,7 +219,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Select the axes whose symmetries move points, but keep them close to the surface.
+    """Select axes whose symmetries move points, but keep them close to the surface.
 
     The closest ones come first, and among equally close ones those with larger motions.
     """
@@ -274,10 +270,7 @@ def _refined(
 def _verified(
     group: _Isometries, length_scale: float, axis: FloatArray, centre: FloatArray
 ) -> Symmetry:
-    """Return the symmetry with a given axis and centre, tested on all vertices.
-
-    Axis and centre are those for the surface scaled to unit area.
-    """
+    """Return the symmetry with a given axis and centre on the unit-area surface, and its error."""
     axis = axis * np.sign(axis[np.abs(axis).argmax()])
     linear = group.linear(axis)
     positions = _apply(linear, centre, group.surface.vertices)

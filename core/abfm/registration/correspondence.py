@@ -26,7 +26,7 @@ from abfm.types import File, FloatArray, IntArray
 TransferMethod: TypeAlias = Literal["point", "area"]
 _COVERAGE_FACES_MAX = 20_000  # faces sampled for the coverage
 _WEIGHT_MIN = 1e-12  # smaller interpolation weights count as 0
-_CANDIDATES = "candidates", "candidate_costs"  # names of the arrays in files
+
 _ROUNDING = 1e-9  # distance in sqrt(area) below which positions are equal
 
 
@@ -167,7 +167,7 @@ class Correspondence(Display):
         return Correspondence(self.back, self.points)
 
     def on_surfaces(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
-        """Return the same correspondence between surfaces ``a`` and ``b`` with the same faces.
+        """Return the same correspondence between other surfaces, which have the faces of A and B.
 
         Images stay in the same faces with the same barycentric weights. For example, a map between
         the spheres of two cortices is converted to a map between the cortices themselves.
@@ -184,7 +184,7 @@ class Correspondence(Display):
         return self._on_surfaces(a, b).with_candidates(self.candidates)
 
     def with_candidates(self, candidates: tuple[Candidate, ...]) -> Correspondence:
-        """Return a copy with a list of candidates; the first one must be that of this map."""
+        """Return a copy with other candidates for the initial map; the first must be this map."""
         found = object.__new__(type(self))  # copy.copy would convert the maps to arrays and back
         found.__dict__.update(self.__dict__)
         found.candidates = candidates
@@ -219,10 +219,10 @@ class Correspondence(Display):
         return sparse.csr_array(sparse.diags_array(1 / shares.sum(axis=1)) @ shares)
 
     def area_shares(self) -> sparse.csr_array:
-        """Return the matrix of the areas that vertices of A distribute to those of B, (V_B, V_A).
+        """Return the areas that each vertex of A distributes to the vertices of B, (V_B, V_A).
 
-        Each column sums to the area of a vertex of A. The sum is 0 if no vertex of B is close to
-        the image of that vertex.
+        A column sums to the area of its vertex of A, or to 0 if no vertex of B is close to its
+        image. See `to_matrix` with ``by="area"``.
         """
         forward = _without_zeros(self.points.to_matrix())
         reverse = _without_zeros(sparse.csr_array(self.back.to_matrix().T))
@@ -264,8 +264,7 @@ class Correspondence(Display):
     def flipped_by_vertices(self) -> int:
         """Return the number of faces of A that flip if its vertices are moved to their images on B.
 
-        The faces stay flat between the moved vertices. Surface files such as sphere.reg store a map
-        in this form.
+        The moved faces are flat triangles, as in surface files such as sphere.reg.
         """
         flipped = int(flipped_triangles(self.b, self.back.positions[self.a.faces]).sum())
         return len(self.a.faces) - flipped if self.is_mirrored else flipped
@@ -287,7 +286,7 @@ class Correspondence(Display):
         return float(areas[is_covered].sum() / areas.sum())
 
     def round_trip(self) -> RoundTrip:
-        """Measure the displacements of vertices of B by the map to A and back, in edge lengths."""
+        """Measure how far vertices of B move by the map to A and back, in mean edge lengths."""
         return round_trip(self.points, self.back.at)
 
     def accuracy(self, truth: ArrayLike | None = None, count_max: int = 1000) -> MapAccuracy:
@@ -327,7 +326,6 @@ class Correspondence(Display):
         results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the surfaces and the arrays with which files store the maps."""
         return _between, (self.a, self.b, self._point_arrays())
 
     def __repr__(self) -> str:
@@ -335,7 +333,7 @@ class Correspondence(Display):
 
 
 class _ThroughSphere(Correspondence):
-    """A correspondence through a common sphere; files also store the directions on it."""
+    """A correspondence through a common sphere; its file also has the vertices' directions."""
 
     def __init__(self, a: SphereLayout, b: SphereLayout) -> None:
         super().__init__(map_through_sphere(b, a), map_through_sphere(a, b))
@@ -367,7 +365,8 @@ def load_correspondence(path: File) -> Correspondence:
 
 
 def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
-    names, costs = (arrays[key].tolist() if key in arrays else [] for key in _CANDIDATES)
+    keys = "candidates", "candidate_costs"
+    names, costs = (arrays[key].tolist() if key in arrays else [] for key in keys)
     candidates = tuple(Candidate(*each) for each in zip(names, costs, strict=True))
     return _of_points(a, b, arrays).with_candidates(candidates)
 

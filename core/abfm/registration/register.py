@@ -179,8 +179,8 @@ def limit_distortion(
     ``|log2 J|`` nor ``|log2 R|`` is larger than ``max_distortion``, and no face is folded, see
     `abfm.matching.limit_distortion`.
 
-    If both the initial map alone and every step of the continuation violate the bound, no flow is
-    expected to satisfy it. The result is then the given registration with an additional note.
+    If the initial map alone and every step of the continuation violate the bound, the result is
+    the given registration with an additional note.
     """
 
     def measure(match: Match) -> Distortion:
@@ -191,14 +191,11 @@ def limit_distortion(
     if bound is None or bound.is_satisfied:
         return chosen
     first = found.initial.distortion()
-    share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
-    limit = (
-        f"{BOUNDED_SHARE:.0%} of the faces satisfy a bound of {first.bound_of(BOUNDED_SHARE):.3g}"
-    )
     note = (
-        f"the initial map alone satisfies the bound {max_distortion:g} for only {share}; {limit}, "
-        f"with {counted(first.folded, 'face')} folded. "
-        "No flow with a smaller distortion was searched."
+        f"without the flow, the initial map satisfies the bound of distortion {max_distortion:g} "
+        f"on only {100 * first.share_within(max_distortion):.1f}% of the faces, and folds "
+        f"{counted(first.folded, 'face')}. A bound of {first.bound_of(BOUNDED_SHARE):.3g} would "
+        f"hold on {BOUNDED_SHARE:.0%} of the faces. No flow with a smaller distortion was searched"
     )
     return chosen.with_match(chosen.match, (note,))
 
@@ -231,7 +228,7 @@ def prepare(
             )
         if not (mask_a is None and mask_b is None and weights is None):
             raise ParameterError(
-                "masks and weights are given without functions; give f and g, or no masks and "
+                "masks and weights are given without functions. Give f and g, or omit masks and "
                 "weights"
             )
         first = initial_map(initial, MapInput(a, b, landmarks=pairs))
@@ -329,16 +326,12 @@ def _as_landmarks(
 
 
 def _landmarks_on_b(initial: Correspondence, pairs: Landmarks) -> dict[str, Any]:
-    """Return the arguments of `Problem` for landmarks that the initial map transfers from A."""
     starts_and_ends = initial.transfer_points(pairs.a), pairs.b
     return {"landmarks": starts_and_ends, "landmark_weights": pairs.weights}
 
 
 def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
-    """Return a list with one note if functions are unknown where the mask (V,) is positive.
-
-    Otherwise, the list is empty. ``known`` (V,) is False where a value is not finite.
-    """
+    """Return a note on the unknown functions of a surface, or no note; ``known`` is (V,)."""
     if mask is not None:
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))
@@ -357,10 +350,10 @@ def _standardized(
     mask: FloatArray | None,
     weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool, list[str]]:
-    """Standardize the channels on B, (C, V), that are measured or have two different units.
+    """Standardize channels (C, V) on B that are measured or have two different units.
 
-    Return the source and the target, (C, V), and the functions of A, (C, V_A), scaled as the
-    source. Also return whether a channel of positive weight is measured, and a list of notes.
+    Return source and target, (C, V), and the functions of A, (C, V_A), in the units of the source.
+    Also return whether a channel of positive weight is measured, and a list of notes.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
@@ -383,8 +376,9 @@ def _standardized(
         is_negated = is_rough and correlation < _OPPOSITE_CORRELATION
         if is_negated:
             notes.append(
-                f"the sign of channel {c + 1} of A was changed, as its correlation with that of B "
-                f"was {correlation:.2f} (initial map); packages differ in the sign"
+                f"the sign of channel {c + 1} of A was changed: under the initial map, its "
+                f"correlation with channel {c + 1} of B was {correlation:.2f}. Software packages "
+                "differ in the signs of measures"
             )
             deviations[0] = -deviations[0]
         if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):

@@ -107,10 +107,10 @@ class Registration(Correspondence):
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict of the registration.
+        """Verdict of the match, or a worse one if the complete map is worse than the flow.
 
-        The result is the verdict of the match, with two exceptions. A warning about the initial map
-        makes it "not reached". It is worse if `residual`, that of the complete map, is too large.
+        The verdict is "not reached" if a warning reports that the initial map may be wrong. It also
+        becomes worse if `residual`, that of the complete map, is too large.
         """
         verdict, match = self.match.verdict, self.match
         if not verdict.kind.is_good:
@@ -180,10 +180,7 @@ class Registration(Correspondence):
 
     @property
     def landmark_errors(self) -> FloatArray | None:
-        """Distances of the moved landmarks from their targets on B, (L,); None without landmarks.
-
-        The unit is sqrt(area).
-        """
+        """Distances of moved landmarks from their targets on B, (L,), in sqrt(area), or None."""
         return self.match.landmark_errors
 
     @property
@@ -211,13 +208,8 @@ class Registration(Correspondence):
         }
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Registration, (
-            self.initial,
-            self.match,
-            self.notes,
-            self.functions,
-            self.warnings,
-        )
+        state = self.initial, self.match, self.notes, self.functions, self.warnings
+        return Registration, state
 
     def save(self, path: File) -> None:
         """Write a file (``.npz``, no pickles), which can also be loaded as the match on B.
@@ -228,7 +220,7 @@ class Registration(Correspondence):
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write all parts that can be written, see `Match.save_parts`."""
+        """Write the file without parts that cannot be computed, see `Match.save_parts`."""
         return results.save_parts(
             path, self._parts(), substitutes(self.match), results.REGISTRATION
         )
@@ -237,9 +229,8 @@ class Registration(Correspondence):
 def load_registration(path: File) -> Registration:
     """Read a file written by `abfm.Registration.save`.
 
-    Raises ResultError if the file is missing, damaged, or contains no registration. Stored
-    values that disagree with the stored field are recomputed, and ``match.load_warning`` reports
-    this.
+    Raises ResultError if the file is missing, damaged, or contains no registration. Stored values
+    that disagree with the stored field are recomputed; ``match.load_warning`` then reports this.
     """
 
     def made(arrays: results.Arrays) -> Registration:

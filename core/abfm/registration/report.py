@@ -26,10 +26,7 @@ def lines(found: Registration) -> list[str]:
 
 
 def map_details(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
-    """Return distortion, coverage and round-trip errors of a map from B to A, as plain numbers.
-
-    The distortion is computed unless it is given.
-    """
+    """Return distortion, coverage and round-trip errors of a map from B to A, as plain numbers."""
     distortion, back = distortion or found.distortion(), found.round_trip()
     return {
         **distortion_details(distortion),
@@ -64,7 +61,6 @@ def map_lines(found: Correspondence) -> list[str]:
 
 
 def landmark_lines(found: Registration) -> list[str]:
-    """Return a line with the errors of the landmarks; no line without landmarks."""
     errors = found.landmark_errors
     if errors is None:
         return []

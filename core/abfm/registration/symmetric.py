@@ -71,7 +71,8 @@ class SymmetricRegistration(Correspondence):
         facts = max((forward.facts, backward.facts), key=lambda each: each.outcome.rank)
         median, p95 = np.percentile(asymmetry, (50, 95)).tolist()
         numbers = {**facts.numbers, "asymmetry_median": median, "asymmetry_95": p95}
-        headline = f"{facts.headline}, both directions agree within {share(p95)} of sqrt(area)"
+        agreement = f"within {share(p95)} of sqrt(area) at 95% of the vertices"
+        headline = f"{facts.headline}, both directions agree {agreement}"
         return cls(
             _mean(forward.points, backward.back),
             _mean(forward.back, backward.points),
@@ -89,7 +90,7 @@ class SymmetricRegistration(Correspondence):
         results.save_arrays(path, self.arrays(), SYMMETRIC_KIND)
 
     def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Write the same file as `save`; a symmetric registration has no optional parts."""
+        """Write the same file as `save`, which has no parts to omit."""
         self.save(path)
         return ()
 
@@ -127,7 +128,6 @@ def _facts_of_file(path: Path) -> Facts:
 
 
 def _preview(path: Path) -> Preview:
-    """Read a file, and return a preview of the asymmetry on B."""
     found = load_symmetric(path)
     return Preview(found.b, [found.asymmetry])
 
@@ -146,14 +146,11 @@ def _lines(found: SymmetricRegistration) -> list[str]:
 
 @dataclass(frozen=True)
 class SymmetricTask(Task):
-    """Task of registering A to B and B to A, and of averaging both maps.
-
-    ``key`` is the name of the result.
-    """
+    """Task of registering A to B and B to A, and of averaging both maps."""
 
     forward: RegistrationTask
     backward: RegistrationTask
-    key: str
+    key: str  # name of the result
 
     kind: ClassVar = "symmetric"
     summary: ClassVar = "register two surfaces in both directions and average the maps"

@@ -84,18 +84,16 @@ ONE_BASED_INPUT = Input(
 
 
 def _export_numbers(path: Path, found: Registration) -> None:
-    """Write a file with the number of the nearest vertex of A for each vertex of B."""
     write_values(path, vertex_numbers(found.points))
 
 
 def _export_surface(path: Path, found: Registration) -> None:
-    """Write a surface file with the faces of A, each vertex moved to its image on B."""
     missing = found.a.file_vertex_count - len(found.a.vertices)
     if missing:
         raise ResultError(
-            f"cannot write {path}: {missing} of the vertices of A's file were removed or merged. "
-            "Rows would therefore differ from those of A's file. Write a .npz file, or use a mesh "
-            "file for A that needs no repair"
+            f"cannot write {path}: {missing} of the vertices of A's file were removed or merged, "
+            "so the moved surface would have other vertices than that file. Write a .npz file, or "
+            "use a mesh file for A that needs no repair"
         )
     try:
         positions, structure = found.back.positions, found.a.structure
@@ -108,9 +106,9 @@ def _export_surface(path: Path, found: Registration) -> None:
 
 
 def vertex_numbers(points: PointMap) -> IntArray:
-    """Return the nearest vertex of the codomain for each vertex of the domain.
+    """Return the nearest vertex of the codomain for each vertex of the domain's file.
 
-    Vertices are numbered as in their mesh files. Vertices without a face have the value -1.
+    Vertices are numbered as in their files; the result is -1 for vertices without a face.
     """
     return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
 

@@ -117,10 +117,10 @@ def transfer_texture(
 ) -> Texture:
     """Transfer a texture of surface A to surface B, as one image with a new layout.
 
-    The centre of each texel is a point of B and gets the colour of the corresponding point of A.
-    This is exact if the correspondence maps points inside faces exactly. Seams of A's texture leave
-    no trace. Texels beyond the edge of a face repeat its edge, so linear filtering mixes no colours
-    of other faces. Use the image without mipmaps, which would mix them.
+    The centre of each texel (pixel of the new image) gets the colour of the corresponding point of
+    A. This is exact if the correspondence maps points inside faces exactly. Texels beyond the edge
+    of a face repeat its edge, so linear filtering mixes no colours of other faces. Use the image
+    without mipmaps, which would mix them.
 
     Parameters
     ----------

@@ -78,9 +78,9 @@ def closest_after_alignment(
     kind: MotionKind = "similarity",
     landmarks: Landmarks | None = None,
 ) -> tuple[PointMap, Alignment]:
-    """Align B with A, and return the map of B to the closest points of A, and the alignment.
+    """Align B with A; return the map of B to the closest points of A, and the alignment.
 
-    The distances of the map are those after the alignment (see `align`), in A's units.
+    The ``distances`` of the map are those after the alignment (see `align`), in A's units.
     """
     found = align(a, b, kind, landmarks)
     positions = found(b.vertices)
@@ -100,16 +100,16 @@ def align(
 
     The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
     reflection); ParameterError for any other. Three or more landmarks that do not lie on a line
-    determine the start. Otherwise several starts are tried. Each of them
-    aligns the centroids. The first one has no rotation. The others align the principal axes, and
-    rotate by the symmetry groups of a tetrahedron, a cube and an icosahedron.
+    determine the first motion. Otherwise several motions are tried, which align the centroids. One
+    has no rotation. The others align the principal axes, and rotate by the symmetry groups of a
+    tetrahedron, a cube and an icosahedron.
 
-    Each start is refined iteratively. An iteration finds the closest points of each surface on the
-    other one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much
-    as all pairs together. Points are spread by area, so the triangulation has no influence.
+    Each motion is refined by iterations. They find the closest points of each surface on the other
+    one, and then the best motion for the closest 80% of these pairs. Landmarks weigh as much as all
+    pairs together. Points are sampled evenly by area, so the triangulation has no influence.
 
-    The result has the smallest RMS distance. The motion from the first start is preferred if its
-    RMS distance is at most 10% larger, except for ``mirror``.
+    The result has the smallest RMS distance. The refined first motion is preferred if its RMS
+    distance is at most 10% larger, except for ``mirror``.
     """
     if kind not in KINDS:
         raise ParameterError(
@@ -143,7 +143,7 @@ Pairs: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class _Surfaces(NamedTuple):
-    """Points of both surfaces, spread by area, in units that give both a similar size."""
+    """Points sampled evenly by area on both surfaces, in units that give both a similar size."""
 
     kind: MotionKind
     on_a: ClosestPoints
@@ -179,15 +179,13 @@ class _Surfaces(NamedTuple):
         )
 
     def thinned(self, by: int) -> _Surfaces:
-        """Return the surfaces with only every ``by``-th point."""
         return self._replace(a=self.a[::by], b=self.b[::by])
 
     def distances(self, motion: Motion) -> Pairs:
-        """Return pairs of closest points after a motion of B, and their distances.
+        """Return pairs of closest points, of B and of A, (2P, 3) each, after a motion of B.
 
-        The pairs are points of B (2P, 3) and of A (2P, 3). In the first half the points of A are
-        closest to those of B. In the second half the points of B are closest to those of A. The
-        distances are (P,) for each half.
+        In the first P pairs, the point of A is the one closest to a sample of B. In the others, the
+        point of B is the one closest to a sample of A. Also return both distances, (P,) each.
         """
         rotation, scale, shift = motion
         moved = scale * self.b @ rotation.T + shift
@@ -199,11 +197,10 @@ class _Surfaces(NamedTuple):
         return b, a, on_a.distances_from(moved), scale * on_b.distances_from(back)
 
     def rms(self, pairs: Pairs) -> float:
-        """Return the root mean square of the distances between the surfaces, in both directions."""
         return float(np.sqrt(np.mean(np.concatenate(pairs[2:]) ** 2)))
 
     def score(self, motion: Motion, pairs: Pairs) -> float:
-        """Return the RMS distance after a motion; surfaces and landmarks have equal weights."""
+        """Return the RMS distance of surfaces and landmarks after a motion, with equal weights."""
         rotation, scale, shift = motion
         of_b, of_a, weights = self.landmarks
         off = scale * of_b @ rotation.T + shift - of_a
@@ -223,7 +220,7 @@ class _Surfaces(NamedTuple):
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
-    """Refine motions; return the ``count`` best ones, or a single one if its score is about 0."""
+    """Refine motions; return the ``count`` best ones, or only one if its score is about 0."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()
@@ -234,7 +231,7 @@ def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: in
 
 
 def _refined(surfaces: _Surfaces, motion: Motion, iterations: int) -> tuple[Motion, float]:
-    """Refine a motion by iterative closest points; return the best motion and its score."""
+    """Refine a motion by iterative closest points; return the best motion and its `score`."""
     pairs = surfaces.distances(motion)
     found, least = motion, surfaces.score(motion, pairs)
     for _ in range(iterations):
@@ -269,11 +266,7 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionK
 def _starts(
     a: TriangleMesh, b: TriangleMesh, kind: MotionKind, sizes: tuple[float, float]
 ) -> list[Motion]:
-    """Return motions that align the centroids, as starts of the search.
-
-    The first one has no rotation, unless a reflection is needed. The others align the principal
-    axes and rotate them.
-    """
+    """Return motions that align the centroids, see `align`; none is unrotated for ``mirror``."""
     (middle_a, axes_a), (middle_b, axes_b) = principal_axes(a), principal_axes(b)
     expected_side = -1 if kind == "mirror" else 1
     side = expected_side * np.linalg.det(axes_a) * np.linalg.det(axes_b)
@@ -289,7 +282,7 @@ def _starts(
 
 
 def _determine_a_motion(landmarks: Landmarks) -> bool:
-    """Return whether the landmarks determine a motion: three or more, not on a line."""
+    """Return whether there are three or more landmarks that do not lie on a line."""
     for points in (landmarks.a, landmarks.b):
         offsets = points.positions - points.positions.mean(axis=0)
         widths = np.linalg.svd(offsets, compute_uv=False)

@@ -42,8 +42,8 @@ class Hints(NamedTuple):
 def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -> FloatArray:
     """Return the functional map (k, k) that transfers descriptors from A to B.
 
-    The functional map nearly commutes with the Laplacian. Each row solves a separate least-squares
-    problem [OBC*12, 5.2].
+    It nearly commutes with the Laplacian. Each row solves a separate least-squares problem
+    [OBC*12, 5.2].
     """
     values = [unit_eigenbasis(mesh, k)[0] for mesh in (a, b)]
     kinds = [
@@ -97,7 +97,7 @@ def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _bands(values: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return coefficients (k, L E) of delta functions at L points, filtered to E frequency bands.
+    """Return coefficients (k, L E) of delta functions at L points, in each of E frequency bands.
 
     ``values`` (k,) are the eigenvalues, and ``rows`` (L, k) the eigenfunctions at the points.
     """

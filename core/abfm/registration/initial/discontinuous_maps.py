@@ -9,7 +9,7 @@ from abfm.maps.point_maps import PointMap
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.map_input import Initial, MapInput
 
-_SIDE_MIN = 0.5  # least share of the area with one orientation minus that with the other
+_FLIPPED_SHARE_MAX = 0.25  # share of the area; a note reports a larger share that was flipped
 
 
 def make_continuous(
@@ -27,14 +27,15 @@ def make_continuous(
     share = (distortion.flipped | (distortion.area <= 0)).sum() / faces
     if share == 0:
         return Initial(original, notes, warnings)
-    fault = f"it flips or collapses {100 * share:.2g}% of the faces"
+    faults = f"flipped or collapsed {100 * share:.2g}% of the faces"
     if given.a.genus or given.b.genus:
-        return Initial(original, (*notes, f"the initial map is discontinuous: {fault}"), warnings)
+        note = f"the initial map remains discontinuous, as a surface has handles; it {faults}"
+        return Initial(original, (*notes, note), warnings)
     if original.is_mirrored:
         points = points.onto_mirror()
     found = Correspondence.through_sphere(given.a, given.b, *continuous_map(points))
-    notes = (*notes, f"the initial map was made continuous, as {fault}")
-    side = 1 - 2 * distortion.weights[distortion.flipped].sum() / distortion.weights.sum()
-    if side < _SIDE_MIN:
-        notes = (*notes, f"before that, it flips {50 * (1 - side):.2g}% of the area")
-    return Initial(found, notes, warnings)
+    flipped = distortion.weights[distortion.flipped].sum() / distortion.weights.sum()
+    if flipped > _FLIPPED_SHARE_MAX:
+        faults += f", with {100 * flipped:.2g}% of the area flipped"
+    note = f"the initial map was made continuous; before, it {faults}"
+    return Initial(found, (*notes, note), warnings)

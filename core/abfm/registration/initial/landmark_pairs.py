@@ -172,10 +172,7 @@ class _Side(NamedTuple):
     first: int  # the number of the first vertex
 
     def positions(self) -> FloatArray:
-        """Return the points projected onto the surface, (P, 3).
-
-        AbfmError if a point is more than 0.1 sqrt(area) away from the surface.
-        """
+        """Return the points projected onto the surface, (P, 3)."""
         found = np.array([self._position(*row) for row in self.given]).reshape(-1, 3)
         projected = project_onto_surface(self.mesh, found)
         gaps = projected.distances_from(found) / self.mesh.length_scale
@@ -189,10 +186,7 @@ class _Side(NamedTuple):
         return projected.positions
 
     def along(self, curve: str, count: int) -> FloatArray:
-        """Return points at equal distances on the curve through all given points, (count, 3).
-
-        ``curve`` is the name of the curve in messages.
-        """
+        """Return points at equal distances on the curve through all points, (count, 3)."""
         through = self.positions()
         if len(through) < 2:
             raise AbfmError(
@@ -271,7 +265,7 @@ class _Columns(NamedTuple):
                     tuple(self.number(text, number, f"a point of {which}") for text in given)
                 )
         if not any(sides):
-            raise AbfmError(f"row {number} has no point; expected a point of A, of B, or of both")
+            raise AbfmError(f"row {number} has no point; expected a point of A or of B, or both")
         weight = texts.get("weight", "")
         return _LandmarkRow(
             number,
@@ -293,7 +287,7 @@ class _Columns(NamedTuple):
 
 
 def by_surface(names: list[str], places: list[int]) -> list[int]:
-    """Return the indices of columns, ``places``, with those of A first, by the columns' names.
+    """Return the columns of points, given by their indices ``places``, with those of A first.
 
     Names such as ``target`` and ``x_b`` contain a surface; of six columns they also need an axis.
     Without such names the order is unchanged.
@@ -334,7 +328,6 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
 
 
 def _refuse_duplicates(rows: list[_LandmarkRow]) -> None:
-    """Raise AbfmError if two pairs have the same point on A or on B."""
     for which, points in (("A", [row.a for row in rows]), ("B", [row.b for row in rows])):
         seen: dict[tuple[float, ...], int] = {}
         for row, point in zip(rows, points, strict=True):

@@ -40,7 +40,7 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
         try:
             rows = b.restrict(table)
             faces = _faces(a, b, path, rows[:, 0])
-            return PointMap(b, a, faces, _weights(a, b, rows[:, 1:]))
+            return PointMap(b, a, faces, _weights(b, rows[:, 1:]))
         except AbfmError as error:
             raise AbfmError(f"map {brief(path)}: {error}") from None
     raise AbfmError(
@@ -71,7 +71,7 @@ def _of_pairs(
 
 
 def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
-    """Return the indices of A's faces, (V,), given by their numbers in A's file, from 0 or 1."""
+    """Convert numbers (V,) of faces in A's file, counted from 0 or 1, to indices of A's faces."""
     if a.has_flipped_faces:
         raise AbfmError(
             "faces of A were flipped on reading, so their corners are no longer in the order of "
@@ -93,7 +93,7 @@ def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> 
     )
 
 
-def _weights(a: TriangleMesh, b: TriangleMesh, given: FloatArray) -> FloatArray:
+def _weights(b: TriangleMesh, given: FloatArray) -> FloatArray:
     off = np.maximum(np.abs(given.sum(axis=1) - 1), -given.min(axis=1))
     wrong = np.flatnonzero(~(off <= _WEIGHT_ROUNDING))
     if len(wrong):

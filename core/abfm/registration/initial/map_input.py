@@ -26,8 +26,8 @@ class MapInput(NamedTuple):
 class Initial(NamedTuple):
     """An initial map with one-line notes and warnings.
 
-    Notes report how the map was found. Warnings report why it may be wrong. A registration with
-    such a warning has not reached its goal, see `Registration.verdict`.
+    Notes report how the map was found. Warnings report why it may be wrong; the verdict of a
+    registration with a warning is "not reached" (`Registration.verdict`).
     """
 
     correspondence: Correspondence

@@ -44,7 +44,6 @@ class InitialMapMethod(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the method, without its arguments."""
         return self.form.replace("[", ":").partition(":")[0]
 
 
@@ -77,10 +76,7 @@ def initial_map(initial: object, given: MapInput) -> Initial:
 
 
 def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a tuple with a note on the chosen candidate, or an empty tuple.
-
-    There is a note if other candidates were compared, or if "landmarks" chose another method.
-    """
+    """Return a note on the chosen method if several were compared or "landmarks" chose another."""
     chosen, others = candidates[0], candidates[1:]
     name, note = chosen.name, ""
     if method == "landmarks" and name.partition(":")[0] != method:
@@ -89,14 +85,14 @@ def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ..
     if others:
         second = others[0]
         note = (
-            f"initial map: {name}, cost {chosen.cost:.2f} (second best: {second.name}, cost "
-            f"{second.cost:.2f})"
+            f"initial map: {name}, the candidate of least cost {chosen.cost:.2f} (second best: "
+            f"{second.name}, cost {second.cost:.2f})"
         )
     return (note,) if note else ()
 
 
 def method_of(initial: str) -> InitialMapMethod:
-    """Return the method with the name before the colon, or raise a ParameterError."""
+    """Return the method of an initial map, such as ``closest:rigid``, or raise a ParameterError."""
     name = initial.partition(":")[0]
     for method in METHODS:
         if method.name == name:
@@ -155,7 +151,7 @@ def _by_landmarks(given: MapInput, options: list[str]) -> Initial:
         count = 0 if given.landmarks is None else len(given.landmarks)
         raise ParameterError(
             f"the number of landmarks is {count}; the initial map 'landmarks' needs at least "
-            f"{LANDMARKS_MIN}. Add landmarks, or choose another initial map, which also uses them"
+            f"{LANDMARKS_MIN}. Add landmarks, or use the initial map 'auto'"
         )
     return search_initial_map(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
@@ -189,7 +185,7 @@ def _from_file(given: MapInput, options: list[str]) -> Initial:
     if isinstance(found, Landmarks):
         raise ParameterError(
             f"{path} has pairs of points; expected a point of A for every vertex of B. Use the "
-            "pairs as landmarks"
+            "file as landmarks instead of an initial map"
         )
     return make_continuous(given, found)
 
@@ -215,10 +211,9 @@ def _by_spheres(given: MapInput, options: list[str]) -> Initial:
 
 
 def _two_files(options: list[str]) -> list[str]:
-    """Return two file names from the parts of a text between commas.
+    """Join parts of a text between commas to two existing files, whose names may contain commas.
 
-    File names may contain commas. Parts are joined to the first two names of existing files. If
-    there are none, the parts are returned.
+    If there are no such files, return the parts.
     """
     for count in range(1, len(options)):
         pair = [",".join(options[:count]), ",".join(options[count:])]
@@ -228,7 +223,7 @@ def _two_files(options: list[str]) -> list[str]:
 
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
-    """Return the directions (V, 3) of a mesh's vertices, read from the file of its sphere."""
+    """Read the sphere of a mesh from a file; return the directions (V, 3) of its vertices."""
     try:
         vertices, faces, _, side = read_contents(path, READERS, "mesh")
     except MeshError as error:
@@ -257,7 +252,7 @@ def _is_mirrored(name: str, options: list[str]) -> bool:
 METHODS = (
     InitialMapMethod(
         "auto[:mirror]",
-        "the best of the following that apply; a mirrored one only if it is clearly better",
+        "the best map by the methods that apply; a mirrored map only if it is clearly better",
         _best,
     ),
     InitialMapMethod(
@@ -265,12 +260,12 @@ METHODS = (
     ),
     InitialMapMethod(
         "sphere[:[mirror,][A,B]]",
-        "through spheres (the surfaces, or files A and B), after rotating A's by the functions",
+        "by directions on spheres (the surfaces, or files A and B); functions rotate sphere A",
         _by_spheres,
     ),
     InitialMapMethod(
         "embedding[:mirror]",
-        "through sphere embeddings of both surfaces, which must have no handles",
+        "by embeddings of both surfaces in a sphere; the surfaces must have no handles",
         _by_embedding,
     ),
     InitialMapMethod(
@@ -285,7 +280,7 @@ METHODS = (
     ),
     InitialMapMethod(
         "extremities[:mirror]",
-        "by the ends of limbs, for surfaces that are not isometric",
+        "by the ends of limbs, for surfaces that are not nearly isometric",
         _searched_by("extremities"),
     ),
     InitialMapMethod(

@@ -32,8 +32,8 @@ _MAP_DISTANCE_MIN = 0.4  # maps with a smaller distance / sqrt(size) count as th
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:
     """Return at most ``most`` different functional maps, by ascending `Spectra.defect`.
 
-    The size of the maps is `MAP_SIZE`, or the number of eigenfunctions if that is smaller.
-    ``others`` are additional starts of the search.
+    Their size is `MAP_SIZE`, or the number of eigenfunctions if that is smaller. The search also
+    starts from the maps ``others``.
     """
     size = min(MAP_SIZE, len(spectra.values[0]))
     found = list(others)

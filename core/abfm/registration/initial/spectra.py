@@ -38,7 +38,6 @@ class Spectra(NamedTuple):
         return cls((values_a, values_b), (at_a, at_b), (_brackets(a, k), _brackets(b, k)))
 
     def thinned(self, by: int) -> Spectra:
-        """Return the spectra with eigenfunctions at only every ``by``-th point."""
         return self._replace(functions=(self.functions[0][::by], self.functions[1][::by]))
 
     def refined(self, C: FloatArray, sizes: Iterable[int]) -> FloatArray:

@@ -98,14 +98,11 @@ class SpectralSearch:
             ]
 
     def ranked(self, side: int) -> list[FloatArray]:
-        """Return `maps` by ascending `defect`, for side 1, or -1 for maps onto the mirror image."""
+        """Return `maps` by ascending `defect`; ``side`` is 1, or -1 for the mirror image of A."""
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
-        """Return the sum of a map's errors as an isometry, at landmarks and of functions.
-
-        ``side`` is 1, or -1 for a map onto the mirror image.
-        """
+        """Return the sum of the errors of a map: as an isometry, at landmarks and of functions."""
         return self._criteria.defect(C, side)
 
     def side(self, C: FloatArray) -> float:
@@ -113,9 +110,9 @@ class SpectralSearch:
         return self._spectra.side(C)
 
     def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
-        """Map Q points of B to P points of A by a functional map; return indices of points, (Q,).
+        """Return the index of the point of A, (Q,), for each point of B by a functional map.
 
-        ``on_a`` (P, 3) and ``on_b`` (Q, 3) are positions on the surfaces scaled to unit area.
+        The points are positions on A, (P, 3), and on B, (Q, 3), scaled to unit area.
         """
         rows = [
             project_onto_surface(mesh, places * fine.length_scale).pull_back(
@@ -137,7 +134,7 @@ class SpectralSearch:
 
 
 class _Criteria(NamedTuple):
-    """Criteria for the comparison of functional maps, and the data that they need."""
+    """Data and criteria for the comparison of functional maps."""
 
     spectra: Spectra
     hints: Hints
@@ -159,9 +156,9 @@ class _Criteria(NamedTuple):
 
 
 def _relative_error(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
-    """Return the relative difference of functions of B and the transferred functions of A.
+    """Return the relative error of functions of A, transferred to B; 0 without functions.
 
-    The functions are given by their coefficients. Without functions the result is 0.
+    The functions are given by their coefficients.
     """
     off, size = C @ of_a[: len(C)] - of_b[: len(C)], np.linalg.norm(of_b[: len(C)])
     return float(np.linalg.norm(off) / size) if size > 0 else 0.0

@@ -37,9 +37,9 @@ sphere_of = per_mesh(sphere_embedding)  # cached with the mesh, for calls with o
 def best_of_spheres(given: MapInput, sides: Sequence[int]) -> Initial:
     """Return the best initial map between two spheres.
 
-    One candidate is the map by vertex numbers, if both spheres have the same faces. The others are
-    rotations for each of the ``sides``, 1 or -1 for the mirror image. Rotations are not searched if
-    none could be better than the map by vertex numbers.
+    One candidate is the map by vertex numbers, if both spheres have the same faces. The others
+    rotate sphere A to fit the functions or the landmarks, for each of the ``sides``: 1, or -1 for
+    the mirror image. They are not searched if the cost of the map by vertex numbers is small.
     """
     found: list[tuple[str, Initial]] = []
     if 1 in sides and np.array_equal(given.a.faces, given.b.faces):
@@ -103,7 +103,7 @@ def map_through_spheres(
     sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
     layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
     notes = [
-        f"sphere {name} has {counted(len(layout.folded), 'flipped face')}"
+        f"the sphere of {name} has {counted(len(layout.folded), 'flipped face')}"
         for name, layout in zip("AB", layouts, strict=True)
         if len(layout.folded)
     ]
@@ -143,7 +143,6 @@ def _rotation_note(found: SphereRotation) -> str:
 
 
 def _ambiguities(found: SphereRotation) -> list[str]:
-    """Return warnings with the reasons why a rotation of sphere A may be wrong."""
     warnings = []
     if found.correlation < _CORRELATION_MIN:
         warnings.append(
@@ -152,7 +151,7 @@ def _ambiguities(found: SphereRotation) -> list[str]:
         )
     if found.runner_up > _RIVAL_RATIO:
         warnings.append(
-            "another rotation of the sphere is nearly as good; use more functions, or another "
-            "initial map, to distinguish the two"
+            "two different rotations of sphere A fit the functions nearly as well; use more "
+            "functions, or another initial map, to distinguish them"
         )
     return warnings

@@ -86,14 +86,12 @@ class SphereFunctions:
 def rotation_by_functions(
     a: SphereFunctions, b: SphereFunctions, weights: FloatArray, is_rough: bool = False
 ) -> SphereRotation:
-    """Search all rotations of sphere A for the best correlation of its functions with B's.
+    """Return the rotation of sphere A for which its functions correlate best with those of B.
 
     The correlation is the mean over channels with ``weights`` (C,). Negative correlations also
-    count, with a factor of 0.9, because packages differ in the sign of a function. The identity is
-    preferred unless its correlation is more than 1% lower.
-
-    The rotation takes directions on A to directions on B. With ``is_rough`` it is accurate to about
-    9 degrees.
+    count, with a factor of 0.9, because software packages differ in the sign of a function. The
+    identity is preferred unless its correlation is more than 1% lower. With ``is_rough`` the
+    rotation is accurate to about 9 degrees.
     """
     a, b = _scaled(a), _scaled(b)
     with step("searching for the rotation of the sphere") as report:
@@ -137,10 +135,9 @@ def _identity_preferred(level: _Level, best: list[Rotation]) -> list[Rotation]:
 
 
 def _scaled(given: SphereFunctions) -> SphereFunctions:
-    """Subtract the means of functions, and scale their largest absolute value to 1.
+    """Return functions minus their means, with a largest absolute value of 1; constants become 0.
 
-    Squares then do not overflow. Constant functions become 0, which has no correlation with other
-    functions.
+    The squares of large values would overflow.
     """
     scaled = []
     for values in given.functions:
@@ -157,8 +154,7 @@ def rotation_by_landmarks(
 ) -> SphereRotation | None:
     """Return the rotation of sphere A that brings its landmarks closest to those of B.
 
-    The result is None if all landmarks are near one point of a sphere or near two opposite points,
-    which does not determine a rotation.
+    The result is None if all landmarks are near one point of a sphere or near two opposite points.
     """
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
     for directions in (here, there):
@@ -202,7 +198,7 @@ class _Level:
         self._cell_weights = cell_weights
 
     def correlations(self, rotations: Rotation, opposite: float = _SIGN_WEIGHT) -> FloatArray:
-        """Return the mean correlation over channels (K,) for K rotations of sphere A.
+        """Return the mean correlation over channels for each of K rotations of sphere A, (K,).
 
         Negative correlations count by their absolute value times ``opposite``.
         """
@@ -231,10 +227,7 @@ class _Level:
         return float(min(self._cell_weights.sum(), shares))
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
-        """Return the best rotation near a given one, by a simplex search.
-
-        ``size`` is the first size of the simplex, in radians.
-        """
+        """Search the best rotation near a given one; the first simplex has ``size`` radians."""
         # imported here, as every registration loads this module and few call this method
         from scipy.optimize import minimize
 

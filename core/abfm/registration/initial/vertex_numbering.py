@@ -17,9 +17,9 @@ _COST_RATIO = 0.5
 
 
 def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) -> float:
-    """Return the mean difference of distances between landmarks (L,) on A and B, in sqrt(area).
+    """Return the mean difference, in sqrt(area), of the distances between landmarks on A and on B.
 
-    The mean is over all pairs of landmarks, and distances are along edges.
+    Distances are along edges. The landmarks are vertices (L,), and the mean is over all pairs.
     """
     return float(np.abs(_distances(a, of_a) - _distances(b, of_b)).mean())
 
@@ -43,9 +43,9 @@ def warn_of_numbering(
     cost, lower = pair_cost(a, b, *given), pair_cost(a, b, *shifted)
     if lower < _COST_RATIO * cost:
         warnings.warn(
-            f"landmarks are counted from {first}, but counted from {other} they agree better: "
-            f"distances between them differ by {lower:.2g} instead of {cost:.2g} sqrt(area). "
-            f"{'Remove' if first else 'Use'} --one-based",
+            f"the vertices of landmarks seem to be counted from {other} instead of {first}: the "
+            f"mean difference of their distances on A and on B is then {lower:.2g} instead of "
+            f"{cost:.2g} sqrt(area). {'Remove' if first else 'Use'} --one-based",
             AbfmWarning,
             stacklevel=3,
         )

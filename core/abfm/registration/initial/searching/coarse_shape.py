@@ -80,7 +80,7 @@ def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
 def ranks(values: FloatArray, areas: FloatArray) -> FloatArray:
     """Return the ranks of functions (V, C): the shares of the area on which they are smaller.
 
-    The ranks are scaled to mean 0 and standard deviation 1 if all values differ. Equal values have
+    The ranks of different values are scaled to mean 0 and standard deviation 1. Equal values have
     equal ranks.
     """
     found = np.empty(values.shape)
@@ -103,8 +103,8 @@ def _clipped(mesh: TriangleMesh) -> sparse.csr_array:
 def _distances(mesh: TriangleMesh) -> FloatArray:
     """Return shortest distances (V, V) between vertices, on paths along edges and across them.
 
-    A path across an edge is the line between its two opposite corners after both faces are unfolded
-    into a plane.
+    A path across an edge is the line between the two corners opposite the edge, after both faces
+    are unfolded into a plane.
     """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     corners = mesh.faces.ravel()

@@ -43,7 +43,10 @@ def extremities(shape: CoarseShape) -> IntArray:
 def matchings(
     a: CoarseShape, b: CoarseShape, ends_a: IntArray, ends_b: IntArray, most: int
 ) -> list[tuple[IntArray, IntArray]]:
-    """Return at most ``most`` matchings of ends, (L,) of A and (L,) of B, the best first."""
+    """Return at most ``most`` matchings of ends of limbs, the best one first.
+
+    A matching is a pair of arrays: vertices (L,) of A and the matched vertices (L,) of B.
+    """
     if len(ends_a) > len(ends_b):
         return [(on_a, on_b) for on_b, on_a in matchings(b, a, ends_b, ends_a, most)]
     count = len(ends_a)

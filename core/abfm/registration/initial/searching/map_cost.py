@@ -22,7 +22,7 @@ _WRONG_SIDE_COST = 1.0  # added if the orientation is wrong on most of the surfa
 
 
 class MapCost(NamedTuple):
-    """Parts of the cost of a map; an isometry has energy 2, and descriptors and commutator 0."""
+    """Parts of the cost of a map. For an isometry, ``energy`` is 2, the next two parts are 0."""
 
     energy: float  # reversible harmonic energy
     descriptors: float  # dissimilarity of descriptors
@@ -32,7 +32,7 @@ class MapCost(NamedTuple):
     def total(self, side: int = 1) -> float:
         """Return the weighted sum of the parts, plus a penalty for the wrong orientation.
 
-        ``side`` is the right one: 1, or -1 for a map onto the mirror image.
+        The correct orientation is ``side``: 1, or -1 for a map onto the mirror image.
         """
         wrong = _WRONG_SIDE_COST * (side * self.side < 0)
         return self.energy + self.descriptors + _COMMUTATOR_WEIGHT * self.commutator + wrong
@@ -59,10 +59,10 @@ def map_cost(
 
 
 def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
-    """Return the reversible harmonic energy of a map.
+    """Return the reversible harmonic energy of a map, the sum over both directions.
 
-    For each direction the energy adds the Dirichlet energy, relative to that of the identity map,
-    and the weighted mean squared round-trip distance.
+    A direction has the Dirichlet energy, relative to that of the identity map, plus the mean
+    squared round-trip distance times `REVERSIBILITY`.
     """
 
     def one_direction(

@@ -57,9 +57,8 @@ def relax(
     One step minimises over the images in coordinates, by a linear system in each direction. The
     other step minimises over the vertices to which the images are rounded. Both are repeated
     ``iterations`` times for each penalty. The ``penalties`` are ascending weights of the distance
-    between images and the vertices to which they are rounded, relative to `REVERSIBILITY`. Rounding
-    should preserve the ``descriptors``, (V_A, C) and (V_B, C); ``weight`` is the weight of their
-    squared difference.
+    between images and the vertices to which they are rounded, relative to `REVERSIBILITY`. The
+    squared difference of the ``descriptors``, (V_A, C) and (V_B, C), has the weight ``weight``.
     """
     (to_a, to_b, images), on_a, on_b = start, *descriptors
     of_descriptors = np.sqrt(weight)
@@ -80,7 +79,7 @@ def relax(
 
 
 class _System:
-    """The linear system for the images of one surface's vertices, for one penalty of `relax`."""
+    """The linear system for the images of a surface's vertices at one penalty, see `relax`."""
 
     def __init__(self, shape: CoarseShape, penalty: float) -> None:
         self._shape, self._penalty = shape, penalty
@@ -93,7 +92,7 @@ class _System:
     def images(self, other: CoarseShape, to_other: IntArray, from_other: IntArray) -> FloatArray:
         """Return the images (V, 8) of the vertices, in coordinates of the other surface.
 
-        ``to_other`` (V,) and ``from_other`` are the vertex maps in both directions.
+        ``to_other`` and ``from_other`` are the vertex maps in both directions.
         """
         count = len(self._shape.areas)
         weights = REVERSIBILITY * other.areas
@@ -106,9 +105,9 @@ class _System:
 
 
 def _nearest(rows: list[FloatArray], others: list[FloatArray]) -> IntArray:
-    """Return the index of the row of ``others`` nearest to each row of ``rows``.
+    """Return the index of the row of ``others`` nearest to each row, in single precision.
 
-    Both are lists of blocks of columns. Single precision is sufficient.
+    Both arguments are lists of blocks of columns.
     """
     one, other = (np.hstack(parts).astype(np.float32) for parts in (rows, others))
     return nearest(one, other)

@@ -73,7 +73,7 @@ _SIDE_MIN = 0.5  # least `MapCost.side` of a plausible map
 
 
 def is_searched(candidates: Sequence[Candidate]) -> bool:
-    """Return whether the first candidate is by a method for two different shapes, in `KINDS`."""
+    """Return whether the chosen candidate is by one of `KINDS`, methods for different shapes."""
     return any(each.name.partition(":")[0] in KINDS for each in candidates[:1])
 
 
@@ -103,7 +103,7 @@ class Pair(NamedTuple):
         )
 
     def cost(self, found: TwoWayMap) -> MapCost:
-        """Return the cost of a map, without that of landmarks."""
+        """Return the cost of a map without the errors of landmarks."""
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
     def without_functions(self) -> Pair:
@@ -215,10 +215,7 @@ class _Search:
         return SpectralSearch(given.a, given.b, given.landmarks, functions)
 
     def polished(self, best: Relaxed) -> PointMap:
-        """Relax the best map further, and return it on all vertices of B.
-
-        Landmarks of B are mapped to those of A.
-        """
+        """Relax the best map further; return it on all vertices of B, with exact landmarks."""
         pair, given = self.pair(_VERTICES), self.given
         found = pair.relax(
             best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _ITERATIONS
@@ -238,10 +235,9 @@ def shape_values(shape: CoarseShape, mesh: TriangleMesh, values: FloatArray) -> 
 def _functions(
     given: MapInput, a: CoarseShape, b: CoarseShape
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the ranks of the given functions on coarse surfaces, and their weights (C,).
+    """Return the ranks of functions on coarse surfaces, (V_A, C) and (V_B, C), and weights (C,).
 
-    The ranks are (V_A, C) and (V_B, C). Weights decrease with the difference of the distributions
-    on A and B, and their sum is limited.
+    Weights decrease with the difference of the distributions on A and B; their sum is limited.
     """
     if given.f is None or given.g is None:
         return np.zeros((len(a.areas), 0)), np.zeros((len(b.areas), 0)), np.zeros(0)
@@ -361,10 +357,7 @@ def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
 def _by_positions(
     positions: tuple[FloatArray, FloatArray], side: int
 ) -> Callable[[Pair], IntArray]:
-    """Return a function for `Start.coarse` that maps by the distances to L matched points.
-
-    ``positions`` are those of the points on A and on B, (L, 3) each, scaled to unit area.
-    """
+    """Return a `Start.coarse` by the distances to L matched points of A and B, (L, 3) each."""
 
     def coarse(pair: Pair) -> IntArray:
         on_a, on_b = (
@@ -446,10 +439,7 @@ _MAKERS: dict[str, Callable[[_Search, int], Iterable[Start]]] = {
 
 
 def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
-    """Return the candidates, with only the best four matchings of extremities for each side.
-
-    Fast relaxations of coarse maps find the best matchings.
-    """
+    """Return the candidates, with only the best four matchings of extremities for each side."""
     costs: dict[int, float] = {}
     for number, start in enumerate(starts):
         if start.kind == "extremities":
@@ -502,13 +492,13 @@ def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
 
 
 def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
-    """Return warnings with the reasons why the best map may be wrong."""
     found = []
     cost = pair.without_functions().cost(best.found).total(best.start.side)
     if cost > _COST_MAX or best.parts.side * best.start.side < _SIDE_MIN:
         found.append(
-            f"no candidate for the initial map is plausible: the best one, {best.start.name}, has "
-            f"a cost of {cost:.2f}; plausible ones have at most {_COST_MAX:g}"
+            f"no candidate for the initial map is plausible: the best one, by the method "
+            f"{best.start.name}, has a cost of {cost:.2f} (plausible: at most {_COST_MAX:g}), or "
+            "the wrong orientation on much of the surface"
         )
     rival = next(
         (
