@@ -95,8 +95,8 @@ def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(
-            f"the number of pinched vertices of the mesh is {pinched}; an embedding in the sphere "
-            "needs a mesh in which parts never touch at a single vertex. Split these vertices"
+            f"the mesh has pinched vertices (number: {pinched}), which join parts that share no "
+            "edge. Split or remove them to embed the mesh in the sphere"
         )
     if mesh.genus:
         raise MeshError(

@@ -88,9 +88,9 @@ def _farthest_first(
 ) -> tuple[IndexArray, FloatArray]:
     """Order positions (n, 3) so that each is the farthest from all positions before it.
 
-    Return the ``numbers`` of the first m positions in this order, beginning with number 0, and
-    their distances (m,) from the nearest position before, which descend to ``SPACING_MIN``.
-    Positions are sorted along ``axis``, since a chosen one affects only those within its distance.
+    Return the ``numbers`` of the first m positions, beginning with number 0, and their gaps (m,).
+    A gap is the distance from the nearest position before; gaps descend to ``SPACING_MIN``.
+    Positions are sorted along ``axis``, so that few are updated at a time.
     """
     order, gaps = np.empty(len(places), dtype=np.int64), np.empty(len(places))
     squares = np.full(len(places), np.inf)  # squared distances to the nearest chosen place

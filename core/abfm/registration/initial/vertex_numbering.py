@@ -43,9 +43,10 @@ def warn_of_numbering(
     cost, lower = pair_cost(a, b, *given), pair_cost(a, b, *shifted)
     if lower < _COST_RATIO * cost:
         warnings.warn(
-            f"the vertices of landmarks seem to be counted from {other} instead of {first}: the "
-            f"mean difference of their distances on A and on B is then {lower:.2g} instead of "
-            f"{cost:.2g} sqrt(area). {'Remove' if first else 'Use'} --one-based",
+            f"the vertices of landmarks seem to be counted from {other} instead of {first}. "
+            "Distances between landmarks on A and on B then differ by a mean of "
+            f"{lower:.2g} instead of {cost:.2g} sqrt(area). "
+            f"{'Remove' if first else 'Use'} --one-based",
             AbfmWarning,
             stacklevel=3,
         )

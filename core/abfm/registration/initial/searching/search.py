@@ -496,9 +496,9 @@ def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
     cost = pair.without_functions().cost(best.found).total(best.start.side)
     if cost > _COST_MAX or best.parts.side * best.start.side < _SIDE_MIN:
         found.append(
-            f"no candidate for the initial map is plausible: the best one, by the method "
-            f"{best.start.name}, has a cost of {cost:.2f} (plausible: at most {_COST_MAX:g}), or "
-            "the wrong orientation on much of the surface"
+            "no candidate for the initial map is plausible. The best one is by the method "
+            f"{best.start.name}. It has a cost of {cost:.2f} (plausible: at most {_COST_MAX:g}), "
+            "or the wrong orientation on much of the surface"
         )
     rival = next(
         (
