@@ -108,10 +108,10 @@ def _copied(draft: Draft) -> Draft:
 
 
 def _merged(draft: Draft) -> Draft | None:
-    """Return a copy in which vertices at the same position are merged; None if there are none.
+    """Return a copy with the vertices at the same position merged, or None.
 
-    The result is also None if merging would take too long. The same holds if all components lie at
-    the same place, as the spheres of two hemispheres do.
+    None is returned if no positions are equal, or if merging would take too long. The same holds if
+    all components lie at the same place, as the spheres of two hemispheres do.
     """
     found = _copied(draft)
     try:
@@ -157,10 +157,7 @@ def _checked(draft: Draft) -> Draft:
 
 
 def _warn_of_seams(draft: Draft) -> None:
-    """Warn if boundary vertices have the same position.
-
-    The surface looks connected there, but is not.
-    """
+    """Warn if boundary vertices have the same position, where the surface only looks connected."""
     slots = draft.edge_slots[draft.edge_slots[:, 1] < 0, 0]
     rim = np.unique(draft.faces.ravel()[topology.next_corner(slots)])
     _, first = np.unique(draft.vertices[rim], axis=0, return_index=True)
@@ -192,10 +189,7 @@ def _refuse_several_components(draft: Draft) -> None:
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
-    """Return an array with rows of three real numbers, or raise a MeshError.
-
-    The message calls the array ``name``, and describes the expected shape by ``meaning``.
-    """
+    """Return an array with rows of three real numbers; a MeshError calls it ``name``."""
     try:
         array = plain_array(rows)
     except (TypeError, RuntimeError) as error:

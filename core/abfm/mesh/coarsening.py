@@ -61,8 +61,7 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
 def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
     """Return arrays with the vertex, the twin and the edge of every slot, (3 F',) each.
 
-    The F' faces are those of the mesh, and the faces between boundary edges and the vertex at
-    infinity.
+    F' includes the faces between boundary edges and the vertex at infinity.
     """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     outer = mesh.edge_slots[mesh.is_boundary_edge, 0]
@@ -111,8 +110,8 @@ def _collapse_edges(
 ) -> None:
     """Collapse edges until at most ``target`` of the first ``finite`` faces remain.
 
-    The faces after these are the ones at infinity. ``order`` (E,) are the edges by ascending
-    ``keys``. The surface and the keys are overwritten.
+    The other faces are at infinity. ``order`` (E,) are the edges by ascending ``keys``. The
+    surface and the keys are overwritten.
     """
     faces, twins, edges, fixed = surface.faces, surface.twins, surface.edges, surface.fixed
     queue = _Queue(order.copy(), np.empty_like(order), keys)
@@ -193,7 +192,7 @@ def _collapse(
 ) -> int:
     """Collapse the edge of a slot to its midpoint, and return the end that remains.
 
-    The remaining vertex also gets the faces of the removed one.
+    The remaining vertex gets the faces of the removed one.
     """
     points, faces, twins, edges = surface.points, surface.faces, surface.twins, surface.edges
     u: int = faces[next_slot(slot)]
@@ -218,7 +217,7 @@ def _collapse(
 
 @kernel
 def _rekey(queue: _Queue, edge: int, key: float) -> None:
-    """Change the key of an edge in the queue, and restore the order of the heap."""
+    """Change the key of an edge, and restore the order of the heap."""
     heap, place, keys = queue.heap, queue.place, queue.keys
     before = keys[edge]
     keys[edge] = key

@@ -75,10 +75,7 @@ def _bytes_of(image: str | os.PathLike[str]) -> bytes:
 
 
 def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceColors:
-    """Return the colours of n faces of a file, given by their indices ``rows`` (n,).
-
-    ``corners`` (n, 3) is the order in which the corners of each face are returned.
-    """
+    """Return the colours of faces ``rows`` (n,) of a file, in the order of ``corners`` (n, 3)."""
     used, owners = np.unique(found.owners[rows], return_inverse=True)
     materials = tuple(found.materials[k] for k in used)
     places, colors = (part[rows[:, None], corners] for part in (found.coordinates, found.colors))
@@ -100,10 +97,9 @@ def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceC
 
 
 def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArray]:
-    """Return the face of the file for each face of the surface, (F,), and the order of its corners.
+    """Return the face of the file, (F,), and its corners in order, (F, 3), for each mesh face.
 
-    The order (F, 3) has the corner of the file for each corner of the surface. MeshError if a face
-    is not in the file.
+    MeshError if a face is not in the file.
     """
     if not np.isfinite(found.vertices).all():
         raise MeshError("the file has coordinates that are not finite. Correct them")

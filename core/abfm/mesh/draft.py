@@ -71,7 +71,6 @@ class Draft:
         return pairs
 
     def has_vertex_twice(self) -> BoolArray:
-        """Return whether each face (F,) has the same vertex twice."""
         a, b, c = self.faces.T
         return np.asarray((a == b) | (b == c) | (c == a))
 

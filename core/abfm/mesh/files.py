@@ -105,9 +105,9 @@ def load_mesh(
         smaller than every edge. True uses 1e-6 of the diagonal of the bounding box, or less if
         edges are short.
     clean : bool
-        Remove repeated faces, and sheets attached to a surface of at least their area. Remove faces
-        without area: merge their ends if these are close, or else split their neighbours, so that
-        no hole remains. A mesh that still has defects is refused.
+        Remove repeated faces, and sheets: smaller parts joined to the surface only along edges with
+        three faces. Remove faces without area: merge their ends if these are close, or else split
+        their neighbours, so that no hole remains. A mesh that still has defects is refused.
     hemisphere : {"L", "R"}, optional
         Hemisphere to keep, of a surface with both. L has the smaller x. If both are at the same
         place, as spheres are, L is the first in the file, the order of Connectome Workbench and
@@ -193,10 +193,7 @@ def _of_object(source: object, hemisphere: str | None) -> FileContents:
 
 
 def _missing_file(path: str | os.PathLike[str]) -> str:
-    """Return the message about a missing file.
-
-    If the package contains a file of the same name, the message has the path of that file.
-    """
+    """Return the message about a missing file, with the path of a bundled file of this name."""
     name = os.path.basename(path)
     if name not in asset_names():
         return "the file does not exist"
@@ -208,8 +205,8 @@ def read_contents(
 ) -> Contents:
     """Return the contents of a file; convert every error of a reader to a MeshError.
 
-    ``readers`` has the reader of each supported format. Messages describe the expected kind of file
-    by ``expected``, such as "mesh".
+    ``readers`` has the reader of each supported format. Messages call the file ``expected``, such
+    as "mesh".
     """
     opened = None
     try:

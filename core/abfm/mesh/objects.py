@@ -34,10 +34,7 @@ _DRAWN_KINDS = ("vertex", "line", "line3", "polyline")
 
 
 def has(source: Any, *names: str) -> bool:
-    """Return whether an object, not a class, has attributes of all these names.
-
-    The result is False if the access to an attribute raises an error.
-    """
+    """Return whether an object, not a class, has all these attributes, and access does not fail."""
     try:
         return not isinstance(source, type) and all(hasattr(source, name) for name in names)
     except Exception:
@@ -105,10 +102,7 @@ def _of_poly_data(source: Any) -> FileContents:
 
 
 def _of_grid(source: Any) -> FileContents:
-    """Read the polygons of a PyVista ``UnstructuredGrid``.
-
-    The surface that PyVista extracts from a grid is not used, as its vertices have another order.
-    """
+    """Read the polygons of a PyVista ``UnstructuredGrid``, whose extracted surface is reordered."""
     types = np.asarray(source.celltypes).astype(np.int64)
     sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)
     return _split(source.points, [sizes], [corners])

@@ -51,9 +51,8 @@ class MeshOptions:
     """Changes to a mesh before it is checked, in the order in which they apply.
 
     The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
-    its value (empty for a flag). They also have ``read``, a function that converts text to the
-    value. ParameterError if the distance is not a positive number, or the hemisphere is neither L
-    nor R.
+    its value (empty for a flag). The function ``read`` in it converts text to the value.
+    ParameterError if the distance is not a positive number, or the hemisphere is neither L nor R.
     """
 
     merge: bool | float | None = _option(
@@ -68,7 +67,7 @@ class MeshOptions:
         read_flag,
         "",
         "Clean",
-        "remove repeated faces, faces without area, and sheets attached to the surface",
+        "remove repeated faces, faces without area, and sheets joined along edges of three faces",
         False,
     )
     hemisphere: str | None = _option(

@@ -19,10 +19,7 @@ def even_sphere(count: int) -> TriangleMesh:
 
 
 def five_limbs(count: int) -> TriangleMesh:
-    """Return a flat body with five limbs of different lengths, which has ``count`` vertices.
-
-    Its triangles are long and thin.
-    """
+    """Return a flat body of ``count`` vertices with five limbs of different lengths and slivers."""
     ball = even_sphere(count)
     cosines = ball.vertices @ (_LIMBS / np.linalg.norm(_LIMBS, axis=1)[:, None]).T
     reach = 1 + np.exp(8 * (cosines - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
@@ -56,8 +53,8 @@ def sphere(subdivisions: int) -> TriangleMesh:
 def two_armed(subdivisions: int) -> TriangleMesh:
     """Return a flat body with two curved arms and a symmetry of 180 degrees about z.
 
-    The rotation maps vertices to vertices. The body is ``sphere(subdivisions)``, stretched along x,
-    flattened, and twisted by an angle that increases with the distance from the z axis.
+    It is ``sphere(subdivisions)``, stretched along x, flattened, and twisted by an angle that
+    increases with the distance from the z axis. The rotation maps vertices to vertices.
     """
     ball = sphere(subdivisions)
     x, y, z = (ball.vertices * [1, 1, 0.5]).T
@@ -134,10 +131,7 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
 
 
 def gourd(frequency: int) -> TriangleMesh:
-    """Return a flattened surface of revolution about y with three bulges.
-
-    The surface has 10 * frequency**2 + 2 vertices.
-    """
+    """Return a flat surface about y with three bulges and 10 * frequency**2 + 2 vertices."""
     ball = geodesic_sphere(frequency)
     polar = np.arccos(np.clip(ball.vertices[:, 1], -1, 1))
     return TriangleMesh(ball.vertices * gourd_radius(polar)[:, None], ball.faces)
@@ -150,10 +144,9 @@ def gourd_radius(polar: FloatArray) -> FloatArray:
 
 
 def three_arms(subdivisions: int) -> tuple[TriangleMesh, tuple[int, int, int]]:
-    """Return a flat body with three arms, and the vertices at their tips.
+    """Return a flat body with the faces of ``sphere(subdivisions)``, and the tips of its arms.
 
-    The first arm is thick and points upwards; the two others are thin and point downwards. The
-    faces are those of ``sphere(subdivisions)``.
+    The first arm is thick and points upwards; the two others are thin and point downwards.
     """
     shape = trimesh.creation.icosphere(subdivisions=subdivisions)
     radius, tips = np.ones(len(shape.vertices)), []

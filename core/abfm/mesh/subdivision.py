@@ -71,8 +71,7 @@ def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
 def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
     """Average fields (N, 4^k F, 3) of a mesh subdivided k times over the children of each face.
 
-    The result has shape (N, F, 3). The mean is not weighted, as all children of a face have the
-    same area.
+    The result has shape (N, F, 3). All children of a face have the same area.
     """
     if fields.shape[1] == faces:
         return fields
@@ -82,10 +81,7 @@ def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
 def to_children(
     faces: IntArray, barycentric: FloatArray, k: int = 1
 ) -> tuple[IntArray, FloatArray]:
-    """Convert points on a mesh to faces and weights on the mesh subdivided k times.
-
-    Each point is given by its face (P,) and its barycentric weights (P, 3).
-    """
+    """Convert points, faces (P,) and weights (P, 3), to those on the mesh subdivided k times."""
     for _ in range(k):
         corner, largest = barycentric.argmax(axis=1), barycentric.max(axis=1)
         outer = largest >= 0.5
@@ -98,10 +94,7 @@ def to_children(
 
 
 def to_parents(faces: IntArray, barycentric: FloatArray, k: int = 1) -> tuple[IntArray, FloatArray]:
-    """Convert points on the mesh subdivided k times to faces and weights on the mesh itself.
-
-    This is the inverse of `to_children`.
-    """
+    """Convert points on the mesh subdivided k times to the mesh: the inverse of `to_children`."""
     for _ in range(k):
         parents, child = np.divmod(faces, 4)
         middle = (1 - barycentric) / 2

@@ -13,10 +13,7 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Return the sorted edges (E, 2), and the edge opposite each corner of the faces, (F, 3).
-
-    The smaller vertex of an edge is first.
-    """
+    """Return the edges (E, 2), sorted, smaller vertex first, and those opposite corners, (F, 3)."""
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
@@ -33,8 +30,8 @@ def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArr
 def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]:
     """Return keys (from 0 to ``above`` - 1) in ascending order, and their indices before sorting.
 
-    If a key and its index fit in 64 bits, both are sorted as one number. This takes a fraction of
-    the time of ``np.argsort``.
+    If a key and its index fit in 64 bits, both are sorted as one number, in a fraction of the time
+    of ``np.argsort``.
     """
     bits = len(keys).bit_length()
     if above << bits > np.iinfo(np.int64).max:
@@ -47,10 +44,7 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return the two slots of each edge, (E, 2), smaller one first.
-
-    On the boundary the second is -1.
-    """
+    """Return the two slots of each edge, (E, 2), smaller one first; -1 beyond the boundary."""
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -59,10 +53,7 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return for each slot that of the next corner of the same face.
-
-    The edge of a slot starts at this corner.
-    """
+    """Return the slots of the next corners of the same faces, where the edges of slots start."""
     return slots - slots % 3 + (slots + 1) % 3
 
 
@@ -88,8 +79,7 @@ def connected(count: int, pairs: IntArray) -> IntArray:
 def equal_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
     """Return the first row of each group of equal rows (n, k), and the group of each row, (n,).
 
-    The first rows are given by their indices. This is ``np.unique`` along the first axis, in a
-    fraction of its time.
+    The first rows are given by their indices, as by ``np.unique`` but in a fraction of its time.
     """
     order = np.lexsort(rows.T)
     ordered = rows[order]

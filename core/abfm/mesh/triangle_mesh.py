@@ -160,7 +160,7 @@ class TriangleMesh(Display):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for copies and other processes, without the cache."""
+        """Return the state without the cache, for copies and other processes."""
         return self.__dict__ | {"cache": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -360,15 +360,15 @@ class TriangleMesh(Display):
         if len(self.vertices) != self.file_vertex_count:
             expected += f" ({len(self.vertices)} of them kept)"
         raise FunctionError(
-            f"{counted(len(values), 'value')} for a mesh of {expected}. Use one value "
-            "for each vertex"
+            f"there are {counted(len(values), 'value')}, but the mesh has {expected}. Use one "
+            "value for each vertex"
         )
 
     def on_file(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:
         """Expand values (V, ...) to one row for each vertex of the file; the inverse of `restrict`.
 
-        The result has shape (file_vertex_count, ...). Vertices that no face uses have the value
-        ``missing``. Merged vertices have the value of the vertex that they were merged into.
+        Vertices that no face uses have the value ``missing``. Merged vertices have the value of the
+        vertex that they were merged into.
         """
         if len(values) == self.file_vertex_count:
             return values

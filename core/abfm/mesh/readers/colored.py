@@ -55,10 +55,7 @@ def colored_ply(opened: Opened) -> ColoredFaces:
 
 
 def inside(faces: IntArray, count: int) -> IntArray:
-    """Return the corners of faces unchanged; raise a ValueError if a vertex does not exist.
-
-    ``count`` is the number of vertices.
-    """
+    """Return faces unchanged; ValueError if a corner is not one of ``count`` vertices."""
     if faces.size and not 0 <= faces.min() <= faces.max() < count:
         raise ValueError(
             f"a face refers to a vertex that does not exist; the file has {count} vertices"

@@ -93,7 +93,7 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     ``sizes`` (P,) are the numbers of corners of the polygons. ``corners`` (sum of sizes,) are their
     concatenated vertices. Convex polygons become a fan around their first corner. Polygons whose
     fan would be wrong are split by ear clipping, projected along their mean normal. Polygons that
-    intersect themselves cannot be split correctly: they become fans, with a warning.
+    intersect themselves become fans, with a warning.
 
     ValueError if a polygon has fewer than 3 corners, or the split would take too long.
     """
@@ -140,7 +140,6 @@ def _clip(vertices: FloatArray, sizes: IntArray, corners: IntArray, faces: IntAr
     """Replace the triangles in ``faces`` of polygons whose fan is wrong by those of ear clipping.
 
     Return the indices of polygons that intersect themselves, whose triangles are not changed.
-    Polygons are processed in chunks, which saves memory.
     """
     ends = np.cumsum(sizes)
     first, work, crossing = 0, 0.0, [np.zeros(0, dtype=np.int64)]
@@ -171,7 +170,7 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
     """Return which polygons have a wrong fan, (P,), and the normals of all polygons, (P, 3).
 
     A fan is wrong if one of its triangles is flat, or if the normal of a triangle is opposite to
-    that of the polygon. Polygons without area have no better triangles: their fans are accepted.
+    that of the polygon. The fans of polygons without area are accepted.
     """
     owner, starts = np.repeat(np.arange(len(sizes)), sizes - 2), np.cumsum(sizes - 2) - (sizes - 2)
     sides = [fans[:, k] - fans[:, k - 1] for k in range(3)]
@@ -185,9 +184,9 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
 
 
 def _projected(points: FloatArray, sizes: IntArray, normals: FloatArray) -> FloatArray:
-    """Return the corners (n, 2) of polygons projected to coordinate planes, counterclockwise.
+    """Return the corners (n, 2) of polygons, projected along an axis near each polygon's normal.
 
-    The plane of a polygon is chosen by its normal.
+    They are counterclockwise.
     """
     axis = np.argmax(np.abs(normals), axis=1)
     turned = normals[np.arange(len(axis)), axis] < 0

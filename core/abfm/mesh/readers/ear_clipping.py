@@ -48,8 +48,7 @@ def _clip_ears(points: FloatArray) -> IndexArray:
 
     The most even ear is cut first. Flat ears wait, because cutting their neighbours may improve
     them. A simple polygon always has an ear. For one that intersects itself, the result has fewer
-    triangles if no ear remains. Each cut affects only the two neighbouring corners. The time grows
-    with the square of n.
+    triangles if no ear remains. The time grows with the square of n.
     """
     count = len(points)
     before, after = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)

@@ -65,10 +65,7 @@ def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
 
 
 def joined(parts: list[Part]) -> FileContents:
-    """Return the vertices and faces of all parts as one surface.
-
-    Vertices at the same position are merged if this makes the boundary of the surface shorter.
-    """
+    """Return the vertices and faces of all parts as one surface."""
     arrays = {id(part.points): part.points for part in parts}
     starts = np.cumsum([0, *(len(points) for points in arrays.values())])
     start_of = dict(zip(arrays, starts.tolist(), strict=False))
@@ -91,8 +88,8 @@ def shaped(
 ) -> tuple[FloatArray, bool]:
     """Return the positions (n, 3) of a part in the scene, and whether the part is mirrored.
 
-    The part belongs to the mesh of a ``node``, whose transformation is ``matrix`` (4, 4). A skin
-    replaces this transformation. ValueError if the data are invalid.
+    The part belongs to the mesh of a ``node`` with the transformation ``matrix`` (4, 4), which a
+    skin replaces. ValueError if the data are invalid.
     """
     points = _morphed(document, part, node)
     if (skin := of(node, "skin", int, None)) is not None:
@@ -124,10 +121,7 @@ def _morphed(document: Document, part: Part, node: dict[str, Any]) -> FloatArray
 def _skinned(
     document: Document, part: Part, points: FloatArray, skin: int
 ) -> tuple[FloatArray, bool]:
-    """Return points (n, 3) moved by the joints of a skin, and whether the part is mirrored.
-
-    Each vertex is moved by the weighted mean of the matrices of its joints.
-    """
+    """Return points (n, 3) moved by the joints of a skin, and whether the part is mirrored."""
     matrices = document.joint_matrices(skin)
     attributes = of(part.primitive, "attributes", dict, {})
     joints, weights = [], []

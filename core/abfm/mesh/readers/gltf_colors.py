@@ -66,10 +66,7 @@ def _material(document: Document, entry: dict[str, Any], texture: Any) -> Materi
 
 
 def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None) -> FloatArray:
-    """Return texture coordinates (F, 3, 2) of corners, counted from the lower left of the image.
-
-    They are NaN if the part has no texture or no texture coordinates.
-    """
+    """Return texture coordinates (F, 3, 2) of corners, from the lower left; NaN without texture."""
     transform = of(of(texture or {}, "extensions", dict, {}), "KHR_texture_transform", dict, {})
     usual = of(texture or {}, "texCoord", int, 0)
     name = f"TEXCOORD_{of(transform, 'texCoord', int, usual)}"

@@ -62,10 +62,7 @@ def indices_of(entry: dict[str, Any], name: str) -> list[int]:
 
 
 def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
-    """Return the list of ``count`` numbers of a JSON object under a name, as an array (count,).
-
-    ValueError for another value. The message describes the object by ``what``.
-    """
+    """Return ``count`` numbers of a JSON object under a name; a ValueError calls it ``what``."""
     found = of(entry, name, list, None)
     are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
     if not are_numbers or len(found) != count:
@@ -105,10 +102,7 @@ class Document:
         self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
 
     def count(self, entries: int) -> None:
-        """Add a number of vertices or faces to the total; raise a ValueError above the limit.
-
-        The limit depends on the size of the file.
-        """
+        """Add a number of vertices or faces; ValueError if the file is too small for the total."""
         self._counted += entries
         size = self._size + self._references.size
         if self._counted > max(_ENTRIES_MIN, size // _BYTES_EACH):
@@ -228,7 +222,7 @@ class Document:
     ) -> NDArray[Any]:
         """Return numbers (count, columns) of type ``kind`` from the buffer view of a JSON entry.
 
-        ValueError if they exceed the view or its buffer; the message calls the entry ``name``.
+        ValueError, which calls the entry ``name``, if they exceed the view or its buffer.
         """
         view = self.entry("bufferViews", of(entry, "bufferView", int, None))
         data = self._buffer(of(view, "buffer", int, None))
@@ -270,10 +264,9 @@ class Document:
     def at_vertices(
         self, part: Part, index: int, shape: str, as_shares: bool = True
     ) -> NDArray[Any]:
-        """Return the rows of an accessor, one for each vertex of a part.
+        """Return the rows of an accessor; ValueError unless there is one for each vertex of a part.
 
-        If ``as_shares``, integers are divided by the largest value of their type. ValueError if the
-        number of rows is different.
+        If ``as_shares``, integers are divided by the largest value of their type.
         """
         key = index, shape, as_shares
         if key not in self._arrays:
@@ -320,10 +313,7 @@ class Document:
         return self._binary
 
     def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes of a data URI, or of the file of another URI.
-
-        Each is read only once; ``what`` identifies it, and describes it in messages.
-        """
+        """Return the bytes of a data URI, or of the file that a URI names; errors call it ``what``."""
         if what not in self._texts:
             if not uri.startswith("data:"):
                 content = self._references.read(unquote(uri))
@@ -336,10 +326,7 @@ class Document:
         return self._texts[what]
 
     def entry(self, name: str, index: int | None) -> dict[str, Any]:
-        """Return the object at an index of a top-level array of the JSON, such as "nodes".
-
-        ValueError if there is none.
-        """
+        """Return an object of a top-level JSON array, such as "nodes"; ValueError if missing."""
         entries = of(self._header, name, list, [])
         if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
             raise ValueError(

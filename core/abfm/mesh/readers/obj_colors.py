@@ -15,10 +15,9 @@ from abfm.reading import Opened, number
 
 
 def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
-    """Read an OBJ file with its materials and colours.
+    """Read an OBJ file with its colours, and its materials in MTL files if it ``has_materials``.
 
-    Vertex colours are the three numbers after the coordinates of vertices. If ``has_materials`` is
-    False, MTL files are not read.
+    Vertex colours are the three numbers after the coordinates of vertices.
     """
     lines, references = _Lines(), References(opened.path)
     materials: dict[str, Material] = {}
@@ -107,10 +106,7 @@ def _read_mtl(references: References, name: str) -> dict[str, Material]:
 def _with(
     material: Material, keyword: str, words: Sequence[str], references: References
 ) -> Material:
-    """Return a material to which a line of an MTL file is applied: its keyword and its words.
-
-    An image is read by ``references``. Lines with other keywords change nothing.
-    """
+    """Return a material to which a line of an MTL file is applied: its keyword and its words."""
     *color, opacity = material.color
     if keyword == "kd":
         color = [min(max(number(word), 0.0), 1.0) for word in (*words, *words, *words)[:3]]

@@ -56,8 +56,7 @@ def read_off(opened: Opened) -> FileContents:
 class _Text:
     """The vertices and faces of a text file, from the position ``begin``.
 
-    Usually each line is one vertex or face, but lines may also break anywhere. The method
-    `contents` tries both layouts.
+    Usually each line is one vertex or face, but lines may break anywhere. Both layouts are tried.
     """
 
     def __init__(self, text: str, begin: int, prefix: str, counts: tuple[int, int]) -> None:
@@ -89,15 +88,12 @@ class _Text:
         return _contents(*found)
 
     def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
-        """Return whether all faces have at least three corners, which are existing vertices.
-
-        If not, the lines of the file do not break as assumed.
-        """
+        """Return whether all faces have three or more corners, which are existing vertices."""
         smallest, largest = corners.min(initial=0), corners.max(initial=-1)
         return bool(sizes.min(initial=3) >= 3 and smallest >= 0 and largest < len(points))
 
     def _cut_off(self) -> ValueError | None:
-        """Return an error if the file has fewer lines than vertices and faces; None otherwise."""
+        """Return an error if there are fewer lines than vertices and faces; None otherwise."""
         expected = self._vertex_count + self._face_count
         found = sum(1 for _ in islice(_Rows(self._text, self._begin), expected))
         if found == expected:
@@ -110,8 +106,7 @@ class _Text:
     def _by_lines(self, width_min: int) -> tuple[_Parts, int]:
         """Read points, sizes and corners, with one vertex or face on each line.
 
-        Vertices must have at least ``width_min`` numbers. Also return the position after the last
-        line.
+        Vertices have ``width_min`` or more numbers. Also return the position after the last line.
         """
         points, rows = array("d"), _Rows(self._text, self._begin)
         for words in islice(rows, self._vertex_count):
@@ -128,10 +123,9 @@ class _Text:
         return (places, sizes, corners), end
 
     def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray, int]:
-        """Read faces, one on each line, from the position ``begin`` of the text.
+        """Read faces, one on each line with an optional colour, from the position ``begin``.
 
-        Return the number of corners of each face, the concatenated corners, and the position after
-        the last line. A colour may follow the corners of a face.
+        Return their numbers of corners, the concatenated corners, and the position after the faces.
         """
         lists, rows = Lists(), _Rows(self._text, begin)
         for words in islice(rows, self._face_count):
@@ -160,10 +154,10 @@ class _Text:
 
 
 def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
-    """Return numbers of columns of a vertex according to the prefix of the word OFF, such as "CN".
+    """Return the layout of a vertex by the letters before OFF, such as "CN".
 
-    They are the number of coordinates, the smallest number of columns, and all possible numbers.
-    The latter depend on the form of the colours.
+    It is the number of coordinates, the least number of columns, and all possible numbers of
+    columns, since colours have several forms.
     """
     columns = 4 if "4" in prefix else 3
     width = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
@@ -172,10 +166,7 @@ def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
 
 
 def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
-    """Return the contents of a file with these points and polygons.
-
-    Points with four coordinates are divided by the last one, and polygons are split into triangles.
-    """
+    """Return the contents with these polygons; 4D points are divided by their last coordinate."""
     if points.shape[1] == 4:
         if (points[:, 3] == 0).any():
             raise ValueError("the file has points at infinity, with a fourth coordinate of 0")

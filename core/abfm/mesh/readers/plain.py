@@ -80,10 +80,7 @@ def read_stl(opened: Opened) -> FileContents:
 
 
 def _text_of_stl(data: bytes) -> str | None:
-    """Return the text of an STL file; None if the file is binary.
-
-    Some binary files also begin with "solid".
-    """
+    """Return the text of an STL file; None if it is binary, even if it begins with "solid"."""
     head = decoded(data[:_STL_HEADER], "replace")
     is_text = "\0" not in head and head.lstrip()[:5].lower() in ("solid", "")
     return decoded(data, "replace") if is_text else None

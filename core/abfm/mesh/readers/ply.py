@@ -43,9 +43,9 @@ _INTEGER_MAX = 2.0**53  # doubles above it do not represent every integer
 
 
 class _Property(NamedTuple):
-    """A property of an element of a PLY file: a number, or a list of numbers after its length.
+    """A property of an element of a PLY file: a number, or a list after its length.
 
-    ``code`` and ``length_code`` are their NumPy types.
+    ``code`` and ``length_code`` are the NumPy types of both.
     """
 
     name: str
@@ -147,10 +147,7 @@ def _coordinate(columns: PointData, name: str) -> FloatArray:
 
 
 def _name_of_corners(element: _Element) -> str:
-    """Return the name of the list property with the corners of the faces.
-
-    It is one of the usual names, or else the only list. ValueError if there is no such list.
-    """
+    """Return the name of the list of the faces' corners: a usual name, or else the only list."""
     lists = [p.name for p in element.properties if p.length_code]
     usual = [name for name in lists if name.lower().replace("_", "") in _CORNERS]
     if not (chosen := usual or lists[: len(lists) == 1]):
@@ -159,10 +156,7 @@ def _name_of_corners(element: _Element) -> str:
 
 
 def _triangles(sizes: IntArray, corners: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the triangles in lists of triangle strips, in which -1 separates the strips.
-
-    The result has the sizes (all 3) and the concatenated corners of the triangles.
-    """
+    """Return the triangles of triangle strips, which -1 separates: sizes (all 3) and corners."""
     corners = np.insert(corners.astype(np.int64), np.cumsum(sizes), -1)
     ends = np.flatnonzero(corners == -1)
     faces = triangles_of_strips(np.diff(ends, prepend=-1) - 1, corners[corners != -1])
@@ -179,10 +173,7 @@ def _colors(element: _Element, columns: PointData) -> FloatArray | None:
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
-    """Return the byte order and the elements that the header of a PLY file announces.
-
-    The byte order is empty for text.
-    """
+    """Return the byte order (empty for text) and the elements that a PLY header announces."""
     kinds = (words[1] for words in header if words[:1] == ["format"] and len(words) > 1)
     kind = next(kinds, "missing")
     if kind not in _ORDERS:
@@ -211,10 +202,7 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
 
 
 def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
-    """Return a text without the words that its header does not announce.
-
-    Each row of the text must be one line, and so is each row of the result.
-    """
+    """Return a text, one row on each line, without the words that its header does not announce."""
     lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
     rows = []
     for element in elements:
@@ -229,10 +217,7 @@ def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
 
 
 class _Body:
-    """The data after the header of a PLY file.
-
-    They are bytes in a byte order, or the words of a text, converted to doubles.
-    """
+    """The data after the header of a PLY file: bytes in a byte order, or words as doubles."""
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
         if not order:
@@ -248,8 +233,8 @@ class _Body:
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
         """Read the next element, and return its properties with ``wanted`` names.
 
-        If several properties have the same name, only the last one is returned. ValueError if the
-        file is cut off, or if the length of a list is negative.
+        Of several properties of the same name, the last one is returned. ValueError if the file is
+        cut off, or if the length of a list is negative.
         """
         step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
         if element.rows * step > len(self._data) - self._position:

@@ -24,10 +24,7 @@ class References:
         self._names_in_folder: dict[str, str] | None = None
 
     def read(self, name: str) -> bytes:
-        """Return the bytes of the file with a name; each file is read only once.
-
-        OSError if the file is not readable, ValueError if it is refused.
-        """
+        """Read the file with a name, only once; OSError if unreadable, ValueError if refused."""
         path = self.find(name)
         if path not in self._contents:
             content = read_bytes(path, self._budget)
@@ -37,10 +34,7 @@ class References:
         return self._contents[path]
 
     def spend(self, count: int, what: str) -> None:
-        """Subtract a count of bytes from those still allowed; raise a ValueError if too few remain.
-
-        The message calls the data ``what``.
-        """
+        """Subtract bytes of ``what`` from those still allowed; ValueError if too few remain."""
         self._budget -= count
         if self._budget < 0:
             raise ValueError(

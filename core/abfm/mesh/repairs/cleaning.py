@@ -54,7 +54,6 @@ def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
 
 
 def _merge_short_sides(draft: Draft) -> None:
-    """Merge the ends of very short sides of faces without area."""
     is_flat = flat_faces(draft.vertices, draft.faces) & ~draft.has_vertex_twice()
     faces = draft.faces[is_flat]
     lengths = side_lengths(draft.vertices, faces)
@@ -97,9 +96,8 @@ def _drop_repeated(draft: Draft) -> None:
 def _remove_flat(draft: Draft) -> None:
     """Remove faces without area, and split their neighbours so that no hole remains.
 
-    The neighbour at the longest side of a face is split at the corner opposite this side. The face
-    with the longest side is removed first. Its neighbour at that side, if there is one, therefore
-    has area.
+    The neighbour at the longest side of a face is split at the corner opposite this side. It has
+    area, because the face with the longest side is removed first.
     """
     is_flat = flat_faces(draft.vertices, draft.faces)
     count = int(is_flat.sum())
@@ -142,7 +140,7 @@ class _Patch:
             self._add(face, corners)
 
     def enqueue(self, faces: list[int]) -> None:
-        """Add those of the faces that have no area to the queue of faces to remove."""
+        """Add the faces without area to the queue of faces to remove."""
         corners = np.array([self.faces[face] for face in faces])
         lengths = side_lengths(self.vertices, corners)
         for k in np.flatnonzero(flat_faces(self.vertices, corners)).tolist():
@@ -150,9 +148,9 @@ class _Patch:
             heapq.heappush(self.queue, entry)
 
     def remove_flat(self, face: int, corner: int) -> int:
-        """Remove a face without area; split its neighbours at the side opposite a corner.
+        """Remove a face without area; split its neighbours at the side opposite a corner there.
 
-        The neighbours are split at this corner. Return the number of neighbours.
+        Return the number of neighbours.
         """
         if face not in self.faces:
             return 0

@@ -34,8 +34,8 @@ def keep_largest_component(draft: Draft) -> None:
 def keep_hemisphere(draft: Draft, side: str) -> str:
     """Keep the components of one hemisphere ("L" or "R"), see `hemispheres`.
 
-    A surface of one component is not changed. If the order in the file distinguishes the
-    hemispheres, return a text about it, such as ", the first in the file"; otherwise an empty one.
+    A surface of one component is not changed. Return a text if the order in the file distinguishes
+    the hemispheres, such as ", the first in the file"; otherwise an empty one.
     """
     name = HEMISPHERES[side]
     component = components(draft)
@@ -48,8 +48,8 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
     if found is None:
         raise MeshError(
             f"the surface has no separate {name} hemisphere; expected two large components of "
-            "similar size, separate in x or in the order of the file. Omit the option, or use a "
-            "file of one hemisphere"
+            "similar size, separate in x or in the order of the file. Omit --hemisphere, or use "
+            "a file of one hemisphere"
         )
     is_left, is_by_file_order = found
     place = f", the {_PLACES[side]} in the file" if is_by_file_order else ""
@@ -64,8 +64,7 @@ def hemispheres(draft: Draft) -> tuple[BoolArray, bool] | None:
 
     The hemispheres are two large components of similar area. The left one has the smaller x; every
     other component belongs to the hemisphere with the closer middle. Hemispheres at the same place,
-    such as spheres, are ordered as in the file: the left one ends before the other begins. In that
-    case the second result is True, otherwise False.
+    such as spheres, are ordered as in the file; only then the second result is True.
     """
     component, areas = components(draft), _areas(draft)
     sizes = np.bincount(component, areas)

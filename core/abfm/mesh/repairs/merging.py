@@ -18,7 +18,7 @@ def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> 
 
     Vertices of a group are connected by steps of at most ``distance``, which must be smaller than
     the shortest edge. If it is True, the distance is 1e-6 of the diagonal of the bounding box, and
-    at most half the shortest edge. ``may_collapse`` allows faces to collapse: a number must then be
+    at most half the shortest edge. If ``may_collapse``, faces may collapse: a number must then be
     smaller than the median edge, and True has no upper limit.
     """
     first, place = equal_rows(draft.vertices)
@@ -43,10 +43,7 @@ def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> 
 
 
 def _merging_distance(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
-    """Return the distance up to which vertices are merged, see `merge_vertices`.
-
-    MeshError if the requested distance is too large.
-    """
+    """Return the distance for `merge_vertices`; MeshError if the requested one is too large."""
     lengths = side_lengths(draft.vertices, draft.faces)
     lengths[lengths == 0] = np.inf
     face = int(lengths.min(axis=1).argmin())
@@ -68,10 +65,7 @@ def _merging_distance(draft: Draft, distance: bool | float, may_collapse: bool) 
 
 
 def _check_crowding(points: FloatArray, reach: float) -> None:
-    """Raise a MeshError if the search for pairs within ``reach`` would take too long.
-
-    This is the case if many points are close to each other.
-    """
+    """Raise a MeshError if so many points are close that the search for pairs would be slow."""
     low = points.min(axis=0)
     size = max(reach, 1e-12 * float((points - low).max())) or 1.0
     cells = np.floor((points - low) / size).astype(np.int64)
@@ -82,5 +76,5 @@ def _check_crowding(points: FloatArray, reach: float) -> None:
 
 def _crowded(reach: float) -> MeshError:
     return MeshError(
-        f"too many vertices are less than {reach:.3g} apart. Use a smaller merge distance"
+        f"too many vertices are less than the merge distance {reach:.3g} apart. Use a smaller one"
     )

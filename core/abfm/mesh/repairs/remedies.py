@@ -33,9 +33,8 @@ def with_remedies(
 ) -> MeshError:
     """Return an error about a defect, which advises options with which the mesh can be used.
 
-    ``attempt`` loads the mesh with other options. If no options help, the error has the usual
-    advice of the defect. ``can_merge`` is True if vertices share a position, and ``merging_joins``
-    if merging them joins components.
+    ``attempt`` loads the mesh with other options. If none help, the error has the usual advice.
+    Vertices share a position if ``can_merge``, and merging joins components if ``merging_joins``.
     """
     last = ""
     for group in _candidates(options, can_merge, merging_joins):
@@ -58,11 +57,10 @@ def with_remedies(
 def _candidates(
     options: MeshOptions, can_merge: bool, merging_joins: bool
 ) -> Iterator[list[MeshOptions]]:
-    """Yield groups of options to try, the preferred ones first.
+    """Yield groups of options to try; the first group that works is advised.
 
-    The first group that works is advised. A group of two hemispheres works if both can be loaded.
-    In other groups one must work, and the option that keeps most faces is advised. Merging comes
-    first because it also closes seams. For the parameters see `with_remedies`.
+    A group of two hemispheres works if both can be loaded. In other groups one must work, and the
+    option that keeps most faces is advised. Merging comes first because it also closes seams.
     """
     merges = [replace(options, merge=True)] * can_merge + [options] * (not merging_joins)
     cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
