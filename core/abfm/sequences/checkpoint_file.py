@@ -44,9 +44,9 @@ _KIND = results.FileKind(
 class SequenceCheckpoint:
     """A file with the intermediate results of a sequence until its result is saved.
 
-    The name of the file contains the name of the result, and a digest of the problem and of the
-    code. Only a run of the same problem by the same code therefore resumes from it. The resumed run
-    gives the same result, bit for bit, as an uninterrupted one.
+    Its name contains the name of the result, and a digest of the problem and of the code. Only a
+    run of the same problem by the same code resumes from it. The result of the resumed run is the
+    same, bit for bit, as that of an uninterrupted run.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class SequenceCheckpoint:
     def save(self, solver: SequenceSolver, force: bool = True) -> None:
         """Write the state of a solver; without ``force``, at most once every few seconds.
 
-        A failed write is ignored, as the sequence can be solved without a checkpoint.
+        A failed write is ignored.
         """
         began = time.monotonic()
         if self.path is None or not solver.found[0] or (began < self._next_write and not force):
@@ -121,7 +121,6 @@ class SequenceCheckpoint:
         self._next_write = now + max(_WRITE_SECONDS_MIN, _WRITE_TIME_RATIO * (now - began))
 
     def remove(self) -> None:
-        """Remove the checkpoint after the result is saved."""
         if self.path is not None:
             with suppress(OSError):
                 self.path.unlink()

@@ -52,9 +52,7 @@ def vertex_speed(sequence: Sequence) -> FloatArray:
 
 
 def check_pvd(path: str | os.PathLike[str]) -> Path:
-    """Check that `export_pvd` can write to a path; return the folder for the frames.
-
-    Links in the path of the folder are resolved.
+    """Check that `export_pvd` can write to a path; return the folder of the frames without links.
 
     Raises
     ------
@@ -133,10 +131,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
 
 def _listed_frames(path: Path) -> set[str]:
-    """Return the names of the .vtu files that an existing .pvd file lists in its folder.
-
-    The set is empty if the .pvd file is missing or cannot be read.
-    """
+    """Return the names of the .vtu files that an existing .pvd file lists in its folder."""
     pattern = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
     with suppress(OSError, ValueError):
         return {found[1] for _, name in read_collection(path) if (found := pattern.fullmatch(name))}
@@ -180,8 +175,8 @@ def _columns(frame: FloatArray) -> FloatArray:
 def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
     """Write the speed at all vertices for MNE, with a sample in the middle of each interval.
 
-    The path is ``NAME-lh.stc`` or ``NAME-rh.stc``. The file of the other hemisphere, the returned
-    note and the errors are as for `abfm.io.write_stc`.
+    The path is ``NAME-lh.stc`` or ``NAME-rh.stc``. See `abfm.io.write_stc` for the file of the
+    other hemisphere, the returned note and the errors.
     """
     speed = vertex_speed(sequence)
     numbers, rows = sequence.mesh.numbered

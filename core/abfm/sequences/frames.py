@@ -47,7 +47,6 @@ class Frames:
 
     @property
     def durations(self) -> FloatArray:
-        """Duration of each interval, (T - 1,)."""
         return np.diff(self.times)
 
     @cached_property
@@ -153,8 +152,8 @@ def check_frames(
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
     """Return the absolute sigma of an interval, from the sigma of the sequence and the duration.
 
-    It is proportional to sqrt(duration), to balance the energy terms. A relative sigma is also
-    multiplied by the size of the frames.
+    It is proportional to sqrt(duration), to balance the energy terms, and to the size of the frames
+    if the sigma is relative.
     """
     unit = frames.deviation if given.sigma_unit == "relative" else 1.0
     return float(sigma * unit * np.sqrt(duration))

@@ -56,10 +56,9 @@ def noise_levels(frames: Frames) -> FloatArray:
 
 
 def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
-    """Return the largest residual that noise alone causes between two frames.
+    """Return the largest residual that noise in both frames causes.
 
-    ``levels`` (C, V) are the noise's standard deviations. As both frames have noise, the residual
-    includes a factor of the square root of 2.
+    ``levels`` (C, V) are the standard deviations of the noise.
     """
     return float(np.sqrt(2) * functions.relative_size(levels))
 

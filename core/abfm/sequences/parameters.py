@@ -44,7 +44,6 @@ class SequenceParameters(Settings):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all parameters by name as plain values."""
         return asdict(self)
 
     def for_interval(self, duration: float, sigma: float) -> Parameters:
@@ -77,7 +76,6 @@ def defaults(
 
 
 def checked_parameters(parameters: SequenceParameters | None) -> SequenceParameters:
-    """Return checked parameters of a sequence; the defaults for None."""
     if not isinstance(parameters, SequenceParameters | None):
         raise ParameterError(
             f"parameters is {brief(parameters)}; expected abfm.sequences.defaults(...)"

@@ -98,15 +98,13 @@ def lines(sequence: Sequence) -> list[str]:
 
 
 def _speeds(sequence: Sequence) -> FloatArray:
-    """Return the speed on faces in the solved intervals, (S, F)."""
     return np.asarray(np.linalg.norm(sequence.velocity[sequence.solved], axis=2))
 
 
 def _steep(sequence: Sequence) -> BoolArray:
     """Return a mask (S, F) of the faces on which the first frame of each solved interval is steep.
 
-    On steep faces, the gradient of the frame exceeds its root mean square over the surface. On
-    other faces, smoothness determines the field.
+    There the gradient exceeds its root mean square; elsewhere smoothness determines the field.
     """
     mesh = sequence.mesh
     areas, derive = face_areas(mesh), gradient(mesh)
@@ -131,30 +129,23 @@ def interval_headline(sequence: Sequence, interval: int) -> str:
 
 
 def motion_text(sequence: Sequence) -> str:
-    """Return the share of motion in interpolated frames as text.
-
-    If the share is unknown or 0, the text has the reason.
-    """
+    """Return the share of motion in interpolated frames as text, with a reason if there is none."""
     found = sequence.motion_share
     if math.isnan(found):
         why = (
             "there is no frame between two frames to hold out"
             if len(sequence) < 2
-            else "held-out frames do not confirm or refute it"
+            else "held-out frames neither confirm nor refute motion"
         )
         return f"motion in confirmed intervals, else the linear blend, as {why}"
     if found == 0:
         why = "noise hides the motion" if sequence.has_motion else "held-out frames show no motion"
         return f"the linear blend, as {why}"
-    return f"interpolated by {share(found)} of the motion, as held-out frames show"
+    return f"moved by {share(found)} of the motion, the share that best predicts held-out frames"
 
 
 def uncertainty_text(sequence: Sequence) -> str:
-    """Return the median standard error of the fields as text.
-
-    The text also has the share of the fields that the frames determine. If the frames determine no
-    motion, the error is infinite.
-    """
+    """Return the median standard error of the fields, and the determined share, as text."""
     solved = sequence.solved
     error = float(np.median(sequence.speed_uncertainty[solved]))
     if not math.isfinite(error):

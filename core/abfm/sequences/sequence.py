@@ -138,9 +138,8 @@ class Sequence(Solution, Display):
     def at(self, t: float) -> FloatArray:
         """Return the function at a time, (V,) or (V, C).
 
-        The function is the linear blend of the frames before and after the time, changed by motion
-        along the field. The change is multiplied by the share of motion of the interval, see
-        `motion_shares`.
+        It is the linear blend of the frames before and after the time, changed by motion along the
+        field. The change is multiplied by the share of motion of the interval, see `motion_shares`.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -175,7 +174,7 @@ class Sequence(Solution, Display):
     def uncertainty(self) -> FloatArray:
         """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit.
 
-        The standard error is the square root of the trace of `covariances`.
+        It is the square root of the trace of `covariances`.
         """
         return np.asarray(np.sqrt(np.trace(self.covariances, axis1=2, axis2=3)))
 
@@ -506,7 +505,7 @@ def _checked_sequence(
 
 
 def _refuse_extremes(frames: Frames, given: SequenceParameters) -> None:
-    """Raise FunctionError if values or times are so large or small that squares overflow."""
+    """Raise FunctionError if squares of values or times would overflow or underflow."""
     largest = float(np.abs(frames.values).max())
     with np.errstate(over="ignore"):
         _ = frames.deviation  # this raises an error for extreme masks

@@ -98,7 +98,6 @@ def _facts_of_file(path: Path) -> Facts:
 
 
 def _preview(path: Path) -> Preview:
-    """Return a preview of a result file: the first, the middle and the last frame."""
     return preview_of(
         path,
         results.SEQUENCE,

@@ -68,8 +68,7 @@ class Posterior(NamedTuple):
 def posterior(sequence: Solution) -> Posterior:
     """Return the covariances of the fields of a sequence, and their shares that frames determine.
 
-    Smoothness determines the rest of a field. Covariances are infinite if all frames are constant
-    or no interval was solved.
+    Covariances are infinite if all frames are constant or no interval was solved.
     """
     shape = sequence.velocity.shape[:2]
     found = Posterior(np.full((*shape, 2, 2), np.inf), np.zeros(shape))
@@ -104,7 +103,6 @@ def posterior(sequence: Solution) -> Posterior:
 
 
 def _values(sequence: Solution) -> int:
-    """Return the number of compared values of a frame: vertices times channels."""
     mask = sequence._frames.mask
     vertices = len(sequence.mesh.vertices) if mask is None else int(np.count_nonzero(mask))
     return vertices * int(np.count_nonzero(sequence._frames.weights))
@@ -145,9 +143,8 @@ def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, Flo
 def _slopes(sequence: Solution, interval: int) -> FloatArray:
     """Return products of the slopes of the two frames of an interval at vertices, (V, 6).
 
-    The columns are xx, yy, zz, xy, xz and yz. The earlier frame is advected to the later one, and
-    the mesh has unit area. The noise of both frames is independent, so it does not bias the
-    products.
+    The columns are xx, yy, zz, xy, xz and yz. The earlier frame is advected to the later one. The
+    independent noise of both frames does not bias the products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
     mean, derive = averaging(mesh), gradient(mesh)
@@ -168,8 +165,8 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
 def _length(sequence: Solution, precision: float) -> float:
     """Return the length, in sqrt(area), over which the norm averages data of a given precision.
 
-    The length is one over the wave number at which norm and data are equally stiff. It is at least
-    an edge and, on fine meshes, at most `_LENGTH_MAX`.
+    It is one over the wave number at which norm and data are equally stiff. It is at least an edge
+    and, on fine meshes, at most `_LENGTH_MAX`.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
     excess = max(precision, 0.0) ** (1 / parameters.order) - 1

@@ -48,8 +48,7 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
     """Return the facts of a sequence from the verdicts (T - 1,) and numbers of its intervals.
 
-    ``numbers`` are those of `NUMBERS`. The facts have the median of each, over the intervals where
-    it is known.
+    ``numbers`` are those of `NUMBERS`, of which the facts have the medians.
     """
     outcome = outcome_of_intervals([verdict.kind for verdict in verdicts])
     confirmed, count = sum(verdict.kind.is_good for verdict in verdicts), len(verdicts)
@@ -85,8 +84,8 @@ def verdict_of(
 ) -> Verdict:
     """Return the verdict of an interval; ``found`` is false if the interval is not solved.
 
-    The verdict is that of a match, except that a residual within the noise is accepted. The
-    standard deviations of the noise are ``levels`` (C, V).
+    It is that of a match, except that a residual within the noise is accepted. The standard
+    deviations of the noise are ``levels`` (C, V).
     """
     functions = problem.functions
     if not found:
@@ -117,10 +116,7 @@ def verdict_of(
 
 
 def without_determined_motion(verdict: Verdict) -> Verdict:
-    """Return the verdict of an interval whose motion held-out frames do not confirm.
-
-    A good verdict becomes "not reached"; other verdicts do not change.
-    """
+    """Return "not reached" for a good verdict, if held-out frames do not confirm the motion."""
     if not verdict.kind.is_good:
         return verdict
     return replace(verdict.with_cause(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
@@ -148,19 +144,13 @@ def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
 
 
 def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
-    """Return whether one frame has values that the other frame lacks, beyond noise.
-
-    The standard deviations of the noise are ``levels`` (C, V).
-    """
+    """Return whether one frame has values that the other frame lacks, beyond noise."""
     sides = (functions, functions.reversed())
     return any(range_bound(side) > NOISE_FACTOR * noise_floor(side, levels) for side in sides)
 
 
 def _noise(functions: FunctionTerm) -> str:
-    """Return the word for noise in sentences of `Cause`, or words for noise and narrow details.
-
-    On a mesh with long edges, such as those of slivers, details within one edge look like noise.
-    """
+    """Return the cause of a residual: noise, or also narrow details if the mesh has long edges."""
     is_coarse = narrowest(functions) < _RESOLVED_EDGES_MIN
     return "noise or details narrower than edges" if is_coarse else "noise"
 
@@ -168,8 +158,8 @@ def _noise(functions: FunctionTerm) -> str:
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
     """Return the cause why a field explains little of the change between frames.
 
-    The cause is that of the check with the larger residual. The change is not a motion only if both
-    checks explain little and the mesh resolves the functions.
+    The change is not a motion only if both checks explain little and the mesh resolves the
+    functions.
     """
     if not explains_too_little(functions, levels, measures.residual):
         return Cause.ONLY_DISCRETE_FLOW

@@ -313,7 +313,7 @@ class Document:
         return self._binary
 
     def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes of a data URI, or of the file that a URI names; errors call it ``what``."""
+        """Return the bytes of a data URI, or of the file that a URI names; errors use ``what``."""
         if what not in self._texts:
             if not uri.startswith("data:"):
                 content = self._references.read(unquote(uri))

@@ -31,7 +31,7 @@ It compares the rates of change of the frame between the intervals, relative to 
 
 
 class MotionEvidence(NamedTuple):
-    """The share of motion that held-out frames confirm."""
+    """The share of motion that best predicts held-out frames from the frames next to them."""
 
     # factor, 0 to 1, of the change that motion makes to the linear blend of two frames. This factor
     # best explains a held-out frame between them. NaN if unknown.
@@ -149,8 +149,7 @@ def _evidence(solver: SequenceSolver, middle: int) -> _Evidence:
 def _products(frames: Frames, middle: int, fields: FloatArray) -> FloatArray:
     """Return the inner products (N, N) of the rates at which N fields (N, F, 2) change a frame.
 
-    ``middle`` is the index of the frame. Where the frame is flat, and along its contours, fields do
-    not change it. Only smoothness determines fields there.
+    ``middle`` is the index of the frame. Fields along its contours do not change it.
     """
     mesh = frames.mesh.normalized()
     areas, derive = face_areas(mesh), gradient(mesh)

@@ -32,10 +32,9 @@ class FramesFile(NamedTuple):
 
 
 def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
-    """Return frames from the columns of a file.
+    """Return frames from the columns of a file; ValueError for labels, or on another mesh.
 
-    If ``are_sources``, the rows are sources of a source estimate, and values are interpolated to
-    the vertices. Raise a ValueError if the columns are labels or do not fit the mesh.
+    Values at sources of a source estimate (``are_sources``) are interpolated to the vertices.
     """
     found = found.by_vertex()
     if any(found.keys):
@@ -89,7 +88,7 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
 
 
 def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
-    """Raise a ValueError if the first column of a table (V, T) numbers the vertices."""
+    """Raise a ValueError if the first column of a table (V, T) has the numbers of the vertices."""
     count = len(given)
     for begin in (0, 1):
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):

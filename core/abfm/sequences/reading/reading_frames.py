@@ -75,7 +75,7 @@ def read_frames(
 
 
 def _noted(found: FramesFile) -> FramesFile:
-    """Return frames; if some vertices are not compared, with a note on their number."""
+    """Return frames with a note on the number of vertices that are not compared, if any."""
     bad = ~np.isfinite(found.values)
     if not bad.any():
         return found

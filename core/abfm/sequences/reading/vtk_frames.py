@@ -42,7 +42,7 @@ TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Content of a VTK file: points (n, 3), a named array of point data (n, C), the time or NaN."""
+    """Points (n, 3), an array of point data (n, C) and its name, and the time of a VTK file or NaN."""
 
     points: FloatArray
     values: FloatArray
@@ -53,8 +53,8 @@ class Grid(NamedTuple):
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
     """Read frames from point data of a .pvd or .series list, or of numbered VTK files.
 
-    ``array`` is the name of the point data, needed if there are several. Raise an OSError or a
-    ValueError if files are missing or invalid.
+    ``array`` is the name of the point data, needed if there are several. OSError or ValueError if
+    files are missing or invalid.
     """
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
@@ -92,10 +92,7 @@ def _series(file: Path) -> list[TimedFile]:
 
 
 def _numbered(file: Path) -> list[TimedFile]:
-    """Return all files whose names differ from that of a file only in the number at the end.
-
-    Their times are NaN.
-    """
+    """Return all files whose names differ only in the number at the end; their times are NaN."""
     with_number = _NUMBERED_NAME.fullmatch(file.name)
     if with_number is None:
         raise ValueError(
@@ -118,10 +115,9 @@ _LISTS: dict[Format, Callable[[Path], list[TimedFile]]] = {
 
 
 def files_of_frames(path: str) -> list[str]:
-    """Return the files of a VTK list, or all files of which a numbered file is one.
+    """Return the files of a VTK list, or the numbered files of which the path is one.
 
-    The names of numbered files differ only in the number at the end. The list is empty for files
-    with another ending, and for files that cannot be read.
+    The list is empty for files with another ending, and for files that cannot be read.
     """
     file = Path(os.path.expanduser(path))
     form = ENDINGS.get(file.suffix.lower())

@@ -1,7 +1,7 @@
 """The difference between the discrete flow and flow lines.
 
 The discrete flow moves functions less far than flow lines do. A field fitted by the discrete flow
-alone is therefore too fast, by some percent for a wave of sixteen edges.
+alone is therefore too fast, by some percent for a wave with a length of sixteen edges.
 """
 
 import numpy as np
@@ -21,9 +21,9 @@ _SMOOTHING_STEPS = 4  # a step moves values halfway to the mean of their neighbo
 def advection_defect(energy: MatchingEnergy, field: FloatArray) -> FloatArray:
     """Return the source advected by the discrete flow minus that by flow lines, (C, V).
 
-    The field is (F, 2). The discrete flow hardly moves noise, but flow lines do. With flow lines,
-    neighbouring vertices also differ by the position in a face at which their flow line ends. The
-    result is therefore smoothed. It is 0 if flow lines cross too many faces.
+    The field is (F, 2). The result is smoothed for two reasons. The discrete flow hardly moves
+    noise, but flow lines do. Flow lines of neighbouring vertices end at different positions in
+    faces. The result is 0 if flow lines cross too many faces.
     """
     mesh, x, source = energy.mesh, field[None], energy.functions.source
     try:

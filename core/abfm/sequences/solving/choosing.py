@@ -153,8 +153,8 @@ class _HeldOut:
     def scan(self, report: Callable[[float], None]) -> None:
         """Decrease sigma until the residual on the held-out patches grows.
 
-        If the smallest residual is large, do this also from long-range matches. ``report`` is
-        called with the finished share.
+        If the smallest residual is large, do this also from long-range matches. ``report`` gets the
+        finished share.
         """
         self._descend(report)
         if self.best_residual > max(
@@ -183,9 +183,9 @@ class _HeldOut:
     def start_near(self, other: _HeldOut, best: float) -> None:
         """Try a sigma with this norm, starting from the fields of another norm.
 
-        The sigma gives about the same smoothness as the best sigma of the other norm. ``best`` is
-        the smallest residual of earlier norms. If the new residual is at most `_RESIDUAL_RATIO_MAX`
-        times as large, smaller and larger sigmas are also tried.
+        It gives about the same smoothness as the best sigma of the other norm. If the new residual
+        is at most `_RESIDUAL_RATIO_MAX` times the smallest earlier one, ``best``, smaller and
+        larger sigmas are also tried.
         """
         for search, of_other in zip(self.searches, other.searches, strict=True):
             search.starts = of_other.starts
@@ -200,9 +200,9 @@ class _HeldOut:
             self._improve(at, -1)
 
     def _improve(self, at: int, direction: int) -> bool:
-        """Try lower (``direction`` 1) or higher (-1) sigmas while the residual falls.
+        """Try smaller (``direction`` 1) or larger (-1) sigmas while the residual falls.
 
-        The first one is next to the sigma of index ``at``. Return whether the residual fell.
+        They begin next to the sigma of index ``at``. Return whether the residual fell.
         """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + direction < len(self._sigmas):

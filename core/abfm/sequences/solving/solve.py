@@ -33,7 +33,7 @@ _GAIN_SHARE_MIN = 0.01  # the last sweep lowers the energy by a smaller share
 
 @dataclass(frozen=True, eq=False)
 class IntervalMeasures:
-    """Measurements of an interval, as in `Match`."""
+    """Advected frame, energies and residuals of an interval's field, as in `Match`."""
 
     advected: FloatArray  # (C, V)
     energies: FloatArray  # (2, 3): total, regularity, mismatch; of no motion and of the field
@@ -75,7 +75,7 @@ class SequenceSolver:
         """Find the fields of all unsolved intervals, and then improve all fields.
 
         ``on_interval`` is called with the index of each solved interval, and ``on_step`` after each
-        step. The public attributes then hold the complete state for resuming. If the run is
+        step, when the public attributes have the complete state for resuming. If the run is
         cancelled, solved intervals keep their fields.
         """
         if not self.is_chosen:
@@ -150,8 +150,7 @@ class SequenceSolver:
     ) -> bool:
         """Return whether the residual of an interval exceeds noise and a share of the initial one.
 
-        The residual is that of the discrete flow, or with ``by_flow_lines`` the larger of both
-        checks.
+        It is that of the discrete flow, or with ``by_flow_lines`` the larger one of both checks.
         """
         first = energy.residual(energy.functions.source)
         residual = energy.residual(found.at.advected)
@@ -188,10 +187,7 @@ class SequenceSolver:
         self._defects.clear()
 
     def _correct_each(self, on_step: Callable[[], object]) -> None:
-        """Correct each field, without coupling, until its energy hardly falls.
-
-        Flow lines measure the energy.
-        """
+        """Correct each field, without coupling, until its energy by flow lines hardly falls."""
         count = len(self.fields)
         with step("correcting by flow lines") as report:
             while self.swept_intervals < _SWEEPS_MAX * count:
@@ -217,8 +213,8 @@ class SequenceSolver:
     def _correct(self, i: int, adjacent: Sequence[int] = ()) -> None:
         """Minimise the energy of interval ``i`` with the advection defect of its field subtracted.
 
-        The field is coupled with those of the intervals ``adjacent``. The method is a defect
-        correction [Stetter 1978]. The new field is accepted if it has less energy by flow lines.
+        This is a defect correction [Stetter 1978], coupled with the fields of intervals
+        ``adjacent``. The new field is accepted if it has less energy by flow lines.
         """
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
@@ -246,8 +242,8 @@ class SequenceSolver:
     def _coupling(self, i: int, j: int) -> float:
         """Return the weight of the difference between the fields of two adjacent intervals.
 
-        The weight is gamma times the shorter duration if both intervals have motion, and otherwise
-        0. An interval without motion should not become as fast as its neighbours.
+        It is gamma times the shorter duration, or 0 if an interval has no motion: it should not
+        become as fast as its neighbours.
         """
         if self.is_uncoupled[i] or self.is_uncoupled[j]:
             return 0.0

@@ -96,7 +96,7 @@ def face_indices(
 ) -> IntArray:
     """Return the index of the continuous field in each face, (F,): its turns around the face.
 
-    The index is 0 if the field is almost 0 at all corners.
+    It is 0 if the field is almost 0 at all corners.
     """
     if vectors is None:
         vectors = corner_vectors(mesh, field)

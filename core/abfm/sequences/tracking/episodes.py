@@ -63,10 +63,7 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
 
 
 def _peaks(values: FloatArray, prominence: float) -> IntArray:
-    """Return the indices of the maxima with at least this prominence.
-
-    The first and the last interval can be maxima.
-    """
+    """Return the indices of the maxima with at least this prominence, also at both ends."""
     # SciPy takes as long to load as all other imports of a batch row; most rows need no episodes
     from scipy.signal import find_peaks
 

@@ -108,9 +108,9 @@ def _linked(
     points: CriticalPoints,
     new: IntArray,
 ) -> list[tuple[int, int]]:
-    """Return pairs of an index in ``old``, and the index in ``points`` that continues its track.
+    """Pair the last points of tracks, ``old``, with new points; return pairs of indices.
 
-    ``old`` has the last point of each track. ``new`` are the indices of the points to be assigned.
+    ``new`` are the indices of the ``points`` to be assigned.
     """
     if not old or not len(new):
         return []
