@@ -42,7 +42,7 @@ TimedFile = tuple[float, Path]
 
 
 class Grid(NamedTuple):
-    """Points (n, 3), an array of point data (n, C) and its name, and the time of a VTK file or NaN."""
+    """Points (n, 3) of a VTK file, an array of point data (n, C), its name, and a time or NaN."""
 
     points: FloatArray
     values: FloatArray
