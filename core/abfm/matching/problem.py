@@ -82,8 +82,9 @@ class Problem:
         Fields of M segments are averaged over, or repeated in, the N segments of the parameters.
         With a start, sigma begins at its last value, as a larger one would lead away from a good
         start. If the parameters have a reach and the start misses the target, the search begins
-        anew. Fields may be defined on the mesh subdivided k times; the attribute ``start`` is then
-        their mean over child faces. The default is zero.
+        anew. Measured functions without a given sigma use no start, as it was fitted to held-out
+        patches. Fields may be defined on the mesh subdivided k times; the attribute ``start`` is
+        then their mean over child faces. The default is zero.
     terms : sequence of DataTerm
         Additional data terms, on ``mesh.normalized()``.
     landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
