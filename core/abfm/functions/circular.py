@@ -76,7 +76,7 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 def checked_period(circular: Any) -> float | None:
     """Return the period in an argument ``circular``: 2 pi for True; None for False or None.
 
-    Raises a ParameterError if the argument is neither a truth value nor a positive number.
+    ParameterError if the argument is neither a truth value nor a positive number.
     """
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None
@@ -107,9 +107,9 @@ def circular_frames(
 def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
     """Return the period of values (V,) that wrap around, such as angles; None for other values.
 
-    The range of such values is 2 pi or 360, which is the period. On at least 3 edges, values differ
-    by more than 0.9 of the range, and on fewer edges by 0.3 to 0.9 of it. Step functions are
-    excluded: they have few values in the middle of the range.
+    The range of such values is 2 pi or 360, which is the period. They jump by more than 0.9 of the
+    range on 3 or more edges, and not more often by 0.3 to 0.9 of it. Step functions are excluded:
+    they have few values in the middle of the range.
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():
@@ -129,7 +129,6 @@ def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
 
 
 def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
-    """Warn if some functions (C, V) seem to be phases, but will be compared as numbers."""
     if text := phase_warning(mesh, rows):
         warnings.warn(text, AbfmWarning, stacklevel=3)
 
@@ -141,17 +140,17 @@ def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> Non
         return
     text = (
         f"values jump by about {_PERIODS[found]} between neighbours, but period is "
-        f"{_PERIODS.get(period, f'{period:g}')}. Set period to the period of the values"
+        f"{_PERIODS.get(period, f'{period:g}')}. Set it to the period of the values"
     )
     warn_once(mesh, text)
 
 
 def phase_warning(mesh: TriangleMesh, rows: FloatArray) -> str:
-    """Return a warning if some functions (C, V) seem to be phases; otherwise an empty text."""
+    """Return a warning if some functions (C, V) seem to be phases, or an empty text."""
     periods = [period for row in rows if (period := wrapped_period(mesh, row)) is not None]
     if not periods:
         return ""
     return (
         f"values jump by about {_PERIODS[periods[0]]} between neighbours, like phases, but are "
-        "compared as numbers. Use circular to compare their cosine and sine"
+        "compared as numbers. Set circular to compare their cosine and sine"
     )

@@ -12,7 +12,7 @@ from abfm.functions.spec import parse
 
 
 def without_circle(text: str) -> str:
-    """Return the text of the function inside ``circular:(...)``; return other texts unchanged."""
+    """Return the text inside ``circular:(...)``; return other texts unchanged."""
     tree = parse(text)
     return str(tree.function) if isinstance(tree, Circular) else text
 
@@ -25,12 +25,8 @@ def split_channels(
 ) -> tuple[list[str], list[str], list[float]]:
     """Replace each circular channel by its cosine and sine, two channels of the same weight.
 
-    With a ``period``, all functions become circular.
-
-    Raises
-    ------
-    FunctionError
-        If only one of a source and its target is circular.
+    With a ``period``, all functions become circular. FunctionError if only one of a source and its
+    target is circular.
     """
     found: tuple[list[str], list[str], list[float]] = ([], [], [])
     for *pair, weight in zip(sources, targets, weights, strict=True):

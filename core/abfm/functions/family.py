@@ -42,10 +42,7 @@ class Slider(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One of several forms of a family: a summary, an example, and its parameters.
-
-    An indicator, for example, is a disc or a half-space.
-    """
+    """One of several forms of a family, such as disc or half-space of an indicator."""
 
     summary: str
     example: str
@@ -73,10 +70,7 @@ class Parameter:
 
 
 def parameter(kind: ValueKind, summary: str, *, default: Any = MISSING, **more: Any) -> Any:
-    """Declare a dataclass field of a family as a parameter.
-
-    ``more`` has other attributes of :class:`Parameter`.
-    """
+    """Declare a field of a family as a parameter, with ``more`` attributes of `Parameter`."""
     return field(
         default=default, metadata={"kind": kind, "summary": summary, "default": default, **more}
     )

@@ -76,9 +76,9 @@ def read_label_columns(
 def has_label(
     path: str, label: str, mesh: TriangleMesh, column: str | None = None, hemisphere: str = ""
 ) -> BoolArray:
-    """Return a mask (V,) of the vertices that have a label in a file.
+    """Return a mask (V,) of the vertices with a label, its name or key, in a file.
 
-    ``label`` is the name or key of the label. Raises a FunctionError if the file does not have it.
+    FunctionError if the file does not have the label.
     """
     labels = read_labels(path, column, mesh, hemisphere)
     with file_errors(path):

@@ -85,13 +85,11 @@ def mean_curvature(mesh: TriangleMesh) -> FloatArray:
 
 
 def _at_vertices(mesh: TriangleMesh, of_corners: FloatArray) -> FloatArray:
-    """Return the sum of the values at corners (F, 3) for each vertex, (V,)."""
     sums = np.bincount(mesh.faces.ravel(), of_corners.ravel(), len(mesh.vertices))
     return np.asarray(sums, dtype=np.float64)
 
 
 def _rounding(mesh: TriangleMesh) -> float:
-    """Return the rounding error of the largest coordinate of the mesh."""
     return _EPSILON * float(np.abs(mesh.vertices).max())
 
 
@@ -181,10 +179,7 @@ def _shape_diameter(mesh: TriangleMesh) -> FloatArray:
 
 
 def _cone() -> tuple[FloatArray, FloatArray]:
-    """Return the rays in a cone: their angles from its axis, (r,), and unit vectors (r, 3).
-
-    The axis is the last coordinate.
-    """
+    """Return the rays in a cone about the last axis: their angles (r,), and unit vectors (r, 3)."""
     # the offset of a half avoids rays in the plane of the longest edge, where edges may be aligned
     i = np.arange(_RAYS) + 0.5
     cosine = 1 - (1 - np.cos(_HALF_ANGLE)) * i / _RAYS
@@ -195,8 +190,8 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the vertices (n,) of the longest edges, and orthonormal axes (n, 3, 3) at each.
 
-    Each vertex occurs once for each of its longest edges, in ascending order. The first axis is
-    along the edge, and the last one points inward.
+    A vertex occurs once for each of its longest edges, in ascending order. The first axis is along
+    the edge, and the last one points inward.
     """
     one, other = mesh.edges.T
     owners, ends = np.r_[one, other], np.r_[other, one]
@@ -212,9 +207,9 @@ def _frames(mesh: TriangleMesh, normals: FloatArray) -> tuple[IntArray, FloatArr
 
 
 def _robust_mean(lengths: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the weighted mean of each row of (n, r), without NaN and outliers, (n,).
+    """Return the weighted mean of each row of (n, r), (n,), without NaN and outliers.
 
-    Outliers are beyond one standard deviation from the median. The mean of a row of NaN is NaN.
+    Outliers are beyond one standard deviation from the median. A row of NaN has the mean NaN.
     """
     mean = np.full(len(lengths), np.nan)
     has_values = np.isfinite(lengths).any(axis=1)

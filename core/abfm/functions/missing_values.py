@@ -41,9 +41,8 @@ def known_functions(
 
 
 def filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
-    """Fill in missing values of functions (C, V) from known ones at vertices around them.
+    """Fill in functions (C, V) where ``known`` (V,) is False, from known values around.
 
-    ``known`` (V,) is False where values are missing. The functions are returned unchanged if it is
-    False everywhere.
+    They are returned unchanged if nothing is known.
     """
     return extend_all(mesh, functions, known) if known.any() else functions

@@ -52,8 +52,7 @@ def _of_point(summary: str) -> Any:
 class AroundPoints(Family):
     """Base class of families with a centre.
 
-    The centre is ``vertex=``, numbered as in the file, or the vertex nearest to the point
-    ``x=,y=,z=``.
+    It is ``vertex=``, numbered as in the file, or the vertex nearest to a point ``x=,y=,z=``.
     """
 
     vertex: tuple[int, ...] | None = parameter(
@@ -78,7 +77,6 @@ class AroundPoints(Family):
             )
 
     def sources(self, mesh: TriangleMesh) -> IntArray:
-        """Return the indices (n,) of the centre vertices in the mesh."""
         if self.vertex is not None:
             return np.array([mesh.local_vertex(index) for index in self.vertex])
         offsets = mesh.vertices - np.array([self.x, self.y, self.z])
@@ -94,9 +92,8 @@ def _size(summary: str, default: float | None) -> Any:
 class Geodesic(AroundPoints):
     """Distance along the surface to a vertex, or to the nearest of several, in units of length.
 
-    The distance is exact on meshes of up to 6,000 vertices. On larger meshes the distance is
-    computed by the heat method, with an error of 1 to 2%: see
-    :func:`abfm.calculus.surface_distance`.
+    It is exact on meshes of up to 6,000 vertices. On larger meshes it is computed by the heat
+    method, with an error of 1 to 2%: see :func:`abfm.calculus.surface_distance`.
     """
 
     family = "geodesic"

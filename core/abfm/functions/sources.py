@@ -22,8 +22,7 @@ _COARSER_COPIES = {
 def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tuple[str, ...]]:
     """Interpolate values at sources to all vertices; return them, (T, V), and notes for the user.
 
-    Raises a ValueError if the sources are not vertices of the mesh, or values between them cannot
-    be interpolated.
+    ValueError if the sources are not vertices of the mesh, or interpolation is impossible.
     """
     sources = np.zeros(0, dtype=np.int64) if columns.vertices is None else columns.vertices
     values = columns.table().T
@@ -48,10 +47,9 @@ def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArra
 
 
 def _interpolated(mesh: TriangleMesh, values: FloatArray, rows: IntArray) -> FloatArray:
-    """Interpolate values (T, n) at n sources to all vertices, (T, V).
+    """Interpolate values (T, n) at n sources to all vertices, (T, V), like a thin plate.
 
-    ``rows`` (V,) is the index of the source at each vertex, or -1 for vertices to interpolate. The
-    interpolation minimises the square of the Laplacian, like a thin plate.
+    ``rows`` (V,) is the index of the source at each vertex, or -1 for vertices to interpolate.
     """
     known = rows >= 0
     frames = np.zeros((len(values), len(rows)))

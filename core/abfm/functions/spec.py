@@ -174,10 +174,7 @@ def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -
 
 
 def files_in(functions: object) -> list[str]:
-    """Return the names of the value files that a function or several functions read.
-
-    Functions may be given as texts.
-    """
+    """Return the names of the value files that one or several functions, also texts, read."""
     if isinstance(functions, str):
         return files_in(parse(functions)) if functions else []
     if isinstance(functions, list | tuple):
@@ -297,7 +294,7 @@ class _Parser:
 
 
 def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
-    """Return the parameters of a family in parsed arguments: texts of their values by name."""
+    """Return the texts of the parameters of a family, by name, from its parsed arguments."""
     keys = [p.name for p in cls.parameters()]
     expected = f"keys are {', '.join(keys)}" if keys else "it has no parameters"
     values: dict[str, Any] = {}

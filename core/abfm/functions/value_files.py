@@ -83,10 +83,7 @@ class Request(NamedTuple):
 
 @contextmanager
 def file_errors(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
-    """Convert all errors inside the context to a FunctionError that names the file.
-
-    ``what`` is the kind of the file in the message.
-    """
+    """Convert all errors inside the context to a FunctionError that names the file."""
     name = f"{what} {brief(os.fspath(path))}"
     try:
         yield
@@ -191,7 +188,7 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 def columns_of(opened: Opened, request: Request) -> Columns:
     """Return the requested columns of an opened file, with the rows of the file.
 
-    Raises a ValueError if the file is invalid.
+    ValueError if the file is invalid.
     """
     reader = READERS.get(opened.format)
     if reader is None:
@@ -224,8 +221,8 @@ def _text(opened: Opened, request: Request) -> Columns:
 def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
     """Separate a first line of column names 0, 1, 2, ..., as pandas writes it, from a table.
 
-    Return these names and the rows below them, or no names and the table if there is no such line.
-    ``counts`` are possible numbers of vertices.
+    Return these names and the other rows, or no names and the table. ``counts`` are possible
+    numbers of vertices.
     """
     count, width = table.shape
     is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
@@ -235,10 +232,7 @@ def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], Fl
 
 
 def _refuse_unsorted_vertices(table: FloatArray) -> None:
-    """Raise a ValueError if the first column seems to be vertex numbers in another order.
-
-    This is so if it has each vertex number once, but not in ascending order.
-    """
+    """Raise a ValueError if the first column has each vertex number once, in another order."""
     first, count = table[:, 0], len(table)
     if table.shape[1] > 1 and (np.diff(first) != 1).any():
         for begin in (0, 1):
@@ -253,7 +247,7 @@ def _refuse_unsorted_vertices(table: FloatArray) -> None:
 def _gifti(opened: Opened, request: Request) -> Columns:
     """Return the arrays of a GIFTI file as columns, without those of a mesh.
 
-    If there are node indices, they number the rows.
+    Node indices, if there are any, number the rows.
     """
     gifti = read_gifti(opened)
     is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
@@ -302,10 +296,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
 
 
 def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
-    """Return an array with the axis of the vertices first, without axes of length 1.
-
-    ``counts`` are possible numbers of vertices.
-    """
+    """Return an array with the axis of the vertices first, without axes of length 1."""
     flat = values.reshape([size for size in values.shape if size != 1] or 1)
     return np.moveaxis(flat, vertex_axis(flat.shape, counts, 0), 0)
 
@@ -313,9 +304,9 @@ def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
 def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
     """Return whether an array of a GIFTI file has labels.
 
-    It has them by its intent, or if the name of the file is that of labels (``is_named``). Without
-    an intent, integers in a file with names of labels are labels. A name of the key 0 alone, which
-    Workbench writes, is not enough.
+    It has them by its intent, or by the name of the file (``is_named``). Without an intent,
+    integers in a file with names of labels are labels. A name of the key 0 alone, which Workbench
+    writes, is not enough.
     """
     is_integer = array.values.dtype.kind in "iub" or np.array_equal(
         array.values, np.rint(array.values)
@@ -361,8 +352,7 @@ def image_columns(
 
     The axes of the image are columns, rows, slices and frames. The voxels of a frame are the
     vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with the product V. An image may
-    also have only two axes, of vertices and of columns. Raises a ValueError for an image of a
-    volume.
+    also have only two axes, of vertices and of columns. ValueError for an image of a volume.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:

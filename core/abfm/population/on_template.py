@@ -108,7 +108,6 @@ def maps(
 
 
 def values_at(points: SurfacePoints, subject: SubjectData) -> TemplateValues:
-    """Return the values and the mask of a subject at P points of its surface."""
     values = np.full((len(points.faces), subject.values.shape[1]), np.nan)
     for c, each in enumerate(subject.values.T):
         if np.isfinite(each).any():
@@ -125,10 +124,7 @@ def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:
 
 
 def checked_mask(mesh: TriangleMesh, text: str | None, name: str) -> FloatArray:
-    """Evaluate the specification of a mask, (V,); return ones without a specification.
-
-    ParameterError, with ``name`` in the message, if the mask is invalid.
-    """
+    """Evaluate the specification of a mask of ``name``, (V,), or return ones if there is none."""
     found = mask_from_input(mesh, text or None, f"the mask of {name}")
     return np.ones(len(mesh.vertices)) if found is None else found
 
@@ -139,7 +135,7 @@ def displacement(found: Registration) -> FloatArray:
 
 
 def displacement_in(path: Path) -> FloatArray:
-    """Return the `displacement` by the registration in a file, without loading the rest of it."""
+    """Return the `displacement` by a registration, of whose file no more is read."""
     with results.open_archive(path, results.REGISTRATION.name, results.REMEDY) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])

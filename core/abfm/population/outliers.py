@@ -140,8 +140,8 @@ def find_outliers(
 def repeated_outliers(rounds: Sequence[BoolArray]) -> BoolArray:
     """Return which subjects were excluded, included again, and excluded again, (N,).
 
-    Such subjects stay excluded. Otherwise the mean would not converge. ``rounds`` are the included
-    subjects at the end of each round, (N,) each.
+    They stay excluded, as the mean would not converge otherwise. ``rounds`` are the included
+    subjects, (N,), of each round.
     """
     fitted = np.stack([np.ones_like(rounds[0]), *rounds])
     return np.asarray((fitted[:-1] & ~fitted[1:]).sum(axis=0) > 1)
@@ -222,7 +222,7 @@ def _median(values: FloatArray, compared: BoolArray) -> float:
 
 
 def _robust_z(values: FloatArray, compared: BoolArray) -> FloatArray:
-    """Return robust z-scores of values (N,), by the median and MAD of the compared subjects."""
+    """Return robust z-scores of values (N,), by median and MAD of the compared subjects."""
     known = compared & np.isfinite(values)
     if not known.any():
         return np.full(len(values), np.nan)

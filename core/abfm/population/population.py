@@ -167,18 +167,12 @@ class Population(Display):
 
     @property
     def folded(self) -> FloatArray:
-        """Fraction of the faces, 0 to 1, that the flow of each registration folds, (N,).
-
-        The fraction is NaN if it is unknown.
-        """
+        """Fraction of the faces, 0 to 1, that each registration's flow folds, (N,), or NaN."""
         return self._number("folded")
 
     @property
     def displacement(self) -> FloatArray:
-        """Size of each subject's displacement minus the mean field, (N,), in sqrt(area).
-
-        The size is the root mean square over the surface.
-        """
+        """RMS of each subject's displacement minus the mean field, (N,), in sqrt(area)."""
         return self._number("displacement")
 
     @property
@@ -238,8 +232,7 @@ class Population(Display):
     def deviation(self, channel: str | int = 0) -> FloatArray:
         """Return the standard deviation of a channel over included subjects, (V,).
 
-        The result is the root of the unbiased variance; NaN where fewer than two subjects are
-        known.
+        Its square is unbiased. It is NaN where fewer than two subjects are known.
         """
         return statistics.deviation(*self._registered(channel))
 

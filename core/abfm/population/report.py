@@ -114,7 +114,6 @@ def export_mean_values(path: Path, found: Population) -> None:
 
 
 def export_subjects(path: Path, found: Population) -> None:
-    """Write a CSV table of the subjects, excluded ones first."""
     write_csv(path, _table(details(found)))
 
 

@@ -35,8 +35,7 @@ class RoundResult(NamedTuple):
 class ArrayStack:
     """Arrays of equal shape, one for each subject, in a temporary file in ``folder``.
 
-    The memory is therefore independent of the number of subjects. The file is removed when it is no
-    longer used.
+    The memory is thus independent of the number of subjects. The file is removed after use.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -92,7 +92,7 @@ class PopulationSolver:
     def _template_file(self, template: MeshLike) -> str:
         """Return the path of the template's mesh file; write one if the template is not a file.
 
-        The written file has all vertices of the input, so that functions and vertex numbers fit.
+        It has all vertices of the input, so that functions and vertex numbers fit.
         """
         if isinstance(template, str | os.PathLike):
             return os.path.abspath(os.path.expanduser(template))
@@ -116,8 +116,8 @@ class PopulationSolver:
     def goal(self) -> float:
         """Residual at which registrations may stop, for options without ``goal``.
 
-        It is at least the noise of the functions of the first three subjects. It has no effect if
-        the functions count as measured. Functions on coarse meshes do not count as measured.
+        It is at least the noise of the functions of the first three subjects. It has no effect on
+        functions that count as measured; those on coarse meshes do not.
         """
         levels = []
         for subject in self.cohort.subjects[:_NOISE_SUBJECTS]:
@@ -135,8 +135,7 @@ class PopulationSolver:
     def first_target(self) -> Target:
         """Return the functions of the template or, without them, those of a typical subject.
 
-        This subject is the one most similar to the plain mean (before registration). The plain mean
-        itself is not the target, because it is blurred.
+        It is the subject most similar to the plain mean (before registration), which is blurred.
         """
         given = self.settings.functions
         channels = self.cohort.registered_channels
@@ -175,7 +174,6 @@ class PopulationSolver:
         )
 
     def _refuse_maps_by_functions(self) -> None:
-        """Raise ParameterError if the initial map needs functions or landmarks that are missing."""
         method = self.settings.initial.partition(":")[0]
         if method in _FUNCTION_METHODS and not all(each.landmarks for each in self.cohort.subjects):
             needs = "landmarks" if method == "landmarks" else "functions of both surfaces"
@@ -190,7 +188,7 @@ class PopulationSolver:
         return ComparisonData(matched, masks, self.weights, self.areas, self.channel_weights)
 
     def _unknown_subject(self) -> TransferredSubject:
-        """Return the values of a subject that could not be transferred: all of them are unknown."""
+        """Return the values of a subject that could not be transferred: all are unknown."""
         count = len(self.template.vertices)
         values = np.full((count, len(self.cohort.channels)), np.nan)
         nothing = TemplateValues(values, np.zeros(count))
@@ -210,10 +208,7 @@ class PopulationSolver:
     def register_all(
         self, target: Target, number: int, on_change: Callable[[LedgerEntry], object]
     ) -> list[LedgerEntry]:
-        """Register all subjects to the target of round ``number``; return their ledger entries.
-
-        ``on_change`` is called with each new entry.
-        """
+        """Register all subjects to the target of round ``number``; return their ledger entries."""
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # read by `abfm batch --status`
@@ -281,8 +276,8 @@ class PopulationSolver:
     ) -> RoundResult:
         """Transfer all subjects to the template, corrected by the mean field, and find outliers.
 
-        ``entries`` are the registrations of round ``number``. ``before`` has the included subjects
-        of each previous round, (N,). The mean field is that of the subjects included last; in round
+        ``entries`` are the registrations of round ``number``, and ``before`` the included subjects
+        (N,) of each previous round. The mean field is that of the subjects included last; in round
         1 it is that of all registered subjects. The transfer is repeated if the included subjects
         change.
         """
@@ -303,8 +298,8 @@ class PopulationSolver:
             fits = found.outliers.fits
         assert found is not None
         if not (found.outliers.fits & (self.weights > 0)).any():
-            name, reason = self.cohort.subjects[0].name, found.outliers.reasons[0]
-            raise ResultError(f"all subjects are excluded; {one_line(name, 60)}: {reason}")
+            example = f"{one_line(self.cohort.subjects[0].name, 60)}: {found.outliers.reasons[0]}"
+            raise ResultError(f"all subjects are excluded, for example {example}")
         return found
 
     def _require_two(self, failures: Sequence[str]) -> None:
@@ -395,7 +390,6 @@ class PopulationSolver:
         return Target.from_partial(self.template, means, self.mask * (others[0].total > 0))
 
     def _channel_means(self, found: RoundResult) -> FloatArray:
-        """Return the mean over surface and subjects of each channel before registration, (C,)."""
         channel_means = []
         for c in range(len(self.cohort.channels)):
             values = found.before[:, :, c]
@@ -489,7 +483,7 @@ class PopulationSolver:
         return f"file:{quoted(self._write_array(name, values))}"
 
     def _write_array(self, name: str, values: FloatArray) -> str:
-        """Write an array to a file with a hash of the values in its name, and return the path.
+        """Write an array to a file, whose name has a hash of the values; return the path.
 
         The hash distinguishes the files of several runs in the same folder.
         """
@@ -500,7 +494,6 @@ class PopulationSolver:
         return os.fspath(path)
 
     def _targets_folder(self) -> Path:
-        """Return the folder of target functions and mean fields; create it if necessary."""
         folder = self.folder / _TARGETS
         with writing_in(self.folder):
             folder.mkdir(parents=True, exist_ok=True)

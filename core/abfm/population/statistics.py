@@ -108,7 +108,7 @@ class LeaveOneOut(NamedTuple):
 def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
     """Return the area-weighted correlation of two functions (V,); NaN if one is constant.
 
-    Only vertices with positive areas (V,) and known values of both functions are used.
+    Only vertices with positive areas (V,) and known values of both functions count.
     """
     known = _known(f, g, areas)
     if not known.any():
@@ -125,8 +125,7 @@ def correlation(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
 def relative_distance(f: FloatArray, g: FloatArray, areas: FloatArray) -> float:
     """Return ``||f - g||`` in L2, divided by the L2 norm of ``g`` minus its mean.
 
-    Only vertices with positive areas (V,) and known values are used. The result is NaN if ``g`` is
-    constant.
+    Only vertices with positive areas (V,) and known values count. NaN if ``g`` is constant.
     """
     known = _known(f, g, areas)
     if not known.any():
@@ -213,5 +212,4 @@ def _known_values(values: FloatArray, shares: FloatArray) -> FloatArray:
 
 
 def _divide(sums: FloatArray, by: FloatArray) -> FloatArray:
-    """Divide sums by divisors; NaN where a divisor is 0."""
     return np.divide(sums, by, out=np.full_like(sums, np.nan), where=by > 0)

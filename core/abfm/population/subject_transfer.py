@@ -99,10 +99,7 @@ class SubjectTransfer:
         )
 
     def _first_points(self, surface: TriangleMesh, template: TriangleMesh) -> SurfacePoints:
-        """Return the points on a subject to which an initial map takes the template's vertices.
-
-        The map must not need functions, since those of the template are not known yet.
-        """
+        """Map the template's vertices to a subject by an initial map without functions."""
         landmarks = None
         if self.subject.landmarks:
             landmarks = read_landmarks(surface, template, self.subject.landmarks, self.one_based)

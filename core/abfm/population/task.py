@@ -64,7 +64,6 @@ def _rounds(text: str) -> int:
 
 
 def _preview(path: Path) -> Preview:
-    """Read a population, and return a preview of mean and standard deviation of channel 0."""
     found = load_population(path)
     return Preview(found.template, [found.mean(), found.deviation()])
 

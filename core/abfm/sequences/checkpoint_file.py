@@ -121,6 +121,7 @@ class SequenceCheckpoint:
         self._next_write = now + max(_WRITE_SECONDS_MIN, _WRITE_TIME_RATIO * (now - began))
 
     def remove(self) -> None:
+        """Remove the checkpoint after the result is saved."""
         if self.path is not None:
             with suppress(OSError):
                 self.path.unlink()

@@ -47,6 +47,7 @@ class Frames:
 
     @property
     def durations(self) -> FloatArray:
+        """Duration of each interval, (T - 1,)."""
         return np.diff(self.times)
 
     @cached_property

@@ -44,6 +44,7 @@ class SequenceParameters(Settings):
         )
 
     def to_dict(self) -> dict[str, Any]:
+        """Return all parameters by name as plain values."""
         return asdict(self)
 
     def for_interval(self, duration: float, sigma: float) -> Parameters:
