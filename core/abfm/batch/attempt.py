@@ -146,7 +146,7 @@ def _answer(item: WorkItem) -> Answer:
 
 
 def _solved(item: WorkItem, row: Row, prepared: Task) -> Answer:
-    """Solve a row; write its result to the folder, or return the bytes if this is impossible."""
+    """Solve a row; write its result to the folder, or return its bytes if this is impossible."""
     ledger = Ledger(item.folder)
     if ledger.is_accessible(item.identity):
         path = ledger.result_path(prepared.digest)
@@ -185,7 +185,7 @@ def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
 
 
 def _report_expected(item: WorkItem, row: Row, prepared: Task) -> None:
-    """Report, by a progress step and a record, a row whose functions no flow can match."""
+    """Report a row whose functions no flow can match, by a progress step and a record."""
     facts, ledger = prepared.expected(), Ledger(item.folder)
     if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
         return

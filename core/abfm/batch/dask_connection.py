@@ -70,10 +70,9 @@ class DaskConnection:
 
     @contextmanager
     def watched(self) -> Iterator[Callable[[], bool]]:
-        """Yield a function that returns whether the scheduler answers.
+        """Yield a function that returns whether the scheduler answers; call it repeatedly.
 
-        The caller must call the function repeatedly. While the cluster has no workers, the
-        function reports the progress step `NO_WORKERS`.
+        While the cluster has no workers, it reports the progress step `NO_WORKERS`.
         """
         checked, is_reported = 0.0, False
         with ExitStack() as reported:
@@ -124,7 +123,7 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     """Return a client connected to the scheduler; ``make`` is the class of the client.
 
-    ResultError if there is no answer within 30 seconds. CancelledError if ``control`` is cancelled.
+    ResultError if there is no answer within 30 seconds.
     """
     clients = SimpleQueue[Any]()
 

@@ -115,10 +115,7 @@ class Ledger:
         self.records_folder = self.folder / "ledger"
 
     def make(self) -> str:
-        """Create the folder if necessary, and return the text that identifies it.
-
-        The text is stored in the file ``identity`` of the folder.
-        """
+        """Create the folder if necessary; return the unique text in its file ``identity``."""
         path = self.records_folder / "identity"
         with writing_in(self.folder):
             self.records_folder.mkdir(parents=True, exist_ok=True)
@@ -180,12 +177,9 @@ class Ledger:
         self._write(self.records_folder / "rows.json", {"title": title, "rows": entries})
 
     def read_rows(self) -> tuple[str, list[LedgerEntry]]:
-        """Return the title and the entries of the stored rows; their input files are not read.
+        """Return the title and the entries of the stored rows; ResultError without stored rows.
 
-        Raises
-        ------
-        ResultError
-            If the folder has no stored rows.
+        Their input files are not read.
         """
         try:
             content = from_json(read_bytes(self.records_folder / "rows.json", _LEDGER_BYTES_MAX))

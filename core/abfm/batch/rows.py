@@ -102,9 +102,9 @@ class Row:
         return self.task_type.kind
 
     def values(self) -> dict[str, Any]:
-        """Return the parsed values by column, those of repeatable columns in lists.
+        """Return the parsed values by column; file names are absolute.
 
-        File names are absolute.
+        Repeatable columns have lists of values.
         """
         return self._values(self._resolved())
 
@@ -244,7 +244,7 @@ def _checksum_of(path: str) -> str:
 
 @lru_cache(maxsize=100_000)
 def _checksum(path: str, size: int, changed: int) -> str:
-    """Return the checksum of a file; a new size or time of change invalidates the cached one."""
+    """Return the checksum of a file, cached until its size or time of change differs."""
     found = hashlib.sha256()
     with open_regular(path) as file:
         while block := file.read(_BLOCK_BYTES):
@@ -253,10 +253,7 @@ def _checksum(path: str, size: int, changed: int) -> str:
 
 
 def files_renamed(apply: Callable[[Rename], object]) -> list[str]:
-    """Return the file names that ``apply`` would rename, and their companion files.
-
-    ``apply`` is called with a function that notes each file name and returns it unchanged.
-    """
+    """Return the file names that ``apply`` passes to its argument, and their companion files."""
     found = dict[str, None]()
 
     def note(path: str) -> str:

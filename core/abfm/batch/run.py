@@ -195,10 +195,7 @@ class Workers:
     def _executor(
         self, control: Control
     ) -> tuple[Executor, AbstractContextManager[Callable[[], bool]]]:
-        """Return an executor and a context manager.
-
-        The context manager yields a function that returns whether the workers are reachable.
-        """
+        """Return an executor, and a context manager of a function whether workers are reachable."""
         if self.cluster.is_local:
             if self._processes is None:
                 self._processes = Processes(self.cluster.processes)
@@ -224,10 +221,7 @@ def _answer_or_retry(item: WorkItem, future: Future[Answer]) -> Answer | WorkIte
 
 
 def with_contents(item: WorkItem) -> WorkItem:
-    """Return an item with the contents of its files, for a worker without access to them.
-
-    Files that this process cannot read are omitted.
-    """
+    """Return an item with the readable contents of its files, for a worker without access."""
     contents = {}
     for path in item.row.files():
         try:

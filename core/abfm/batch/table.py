@@ -83,10 +83,7 @@ def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
 
 
 def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
-    """Yield the cells of each nonempty line: the names of columns, then at most `rows_max` rows.
-
-    ParameterError if a row has more cells than columns.
-    """
+    """Yield the cells of each nonempty line: the names of columns, then at most `rows_max` rows."""
     width = 0
     try:
         for number, cells in enumerate(rows_of(text, blanks=False).cells):
@@ -104,10 +101,7 @@ def table_cells(text: str, rows_max: int = _ROWS_MAX) -> Iterator[list[str]]:
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Return the names of columns as names of options, such as max-distortion for max_distortion.
-
-    ParameterError if a name is unknown or repeated.
-    """
+    """Return the names of columns as options, such as max-distortion for max_distortion."""
     known = known_columns()
     found: list[str] = []
     for number, cell in enumerate(cells, 1):

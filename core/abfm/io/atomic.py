@@ -169,8 +169,8 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
 def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
     """Yield a new private folder inside ``folder``; remove it at the end with all its contents.
 
-    The default of ``folder`` is the folder of the system for temporary files. Raise an OSError if
-    the new folder cannot be created.
+    By default it is in the folder of the system for temporary files. OSError if it cannot be
+    created.
     """
     with temporary_file(folder or Path(tempfile.gettempdir()), is_folder=True) as path:
         yield path
@@ -251,8 +251,7 @@ def _remove(path: Path) -> None:
 def remove_abandoned(folder: Path) -> None:
     """Remove temporary files of ended processes from a folder.
 
-    These are files that no process locks or, where files cannot be locked, files unchanged for a
-    week.
+    No process locks these files. Where files cannot be locked, they are unchanged for a week.
     """
     with suppress(OSError):
         for path in list(folder.glob(f"{_PREFIX}*")):

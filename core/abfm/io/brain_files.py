@@ -313,8 +313,7 @@ def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labe
 def _table(labels: Labels) -> IntArray:
     """Return a colour table (n, 4) of label names: red, green, blue and transparency, 0 to 255.
 
-    Black, and a colour that another label has, are replaced by the next free colour. A label
-    without a colour becomes grey.
+    The next free colour replaces black and repeated colours. A label without a colour is grey.
     """
     used, rows = {0}, []
     for key in labels.names:

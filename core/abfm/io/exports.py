@@ -89,7 +89,7 @@ def export_energy_csv(
 ) -> None:
     """Write a .csv with a line for each iteration: its number, its stage and its energies.
 
-    The energies are in solver units.
+    The energies are in solver units. ResultError if the file cannot be written.
 
     Parameters
     ----------
@@ -97,11 +97,6 @@ def export_energy_csv(
         Total energy, regularity and mismatch of each iterate.
     stages : (I,) array of int
         Stage of the continuation of each iterate.
-
-    Raises
-    ------
-    ResultError
-        If the file cannot be written.
     """
     rows = zip(np.asarray(stages).tolist(), np.asarray(energy_history).tolist(), strict=True)
     numbered = ([number, stage, *energies] for number, (stage, energies) in enumerate(rows))
@@ -114,7 +109,7 @@ def _columns(
     """Return the columns of data arrays by name, each (count,) as float64.
 
     If ``vectors``, an array of three columns becomes a tuple, and bytes (uint8) keep their type.
-    Raise a ResultError for a wrong shape, and for a name that is invalid, repeated or ``reserved``.
+    ResultError for a wrong shape, and for a name that is invalid, repeated or ``reserved``.
     """
     columns: dict[str, Any] = {}
     for name, array in data.items():
@@ -140,6 +135,6 @@ def _columns(
 
 
 def _records(columns: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return the bytes of packed little-endian records from columns (n,) or (n, k)."""
+    """Return packed little-endian records of columns (n,) or (n, k) as bytes."""
     little = [(name, x.dtype.newbyteorder("<"), x.shape[1:]) for name, x in columns.items()]
     return np.rec.fromarrays(list(columns.values()), little).tobytes()

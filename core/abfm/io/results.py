@@ -51,8 +51,7 @@ Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
 class Entry(NamedTuple):
     """Expected type, shape and range of an array in a file.
 
-    A word in a shape, such as ``"V"``, is a size that is equal in all arrays whose shapes have this
-    word.
+    Sizes with the same word in shapes, such as ``"V"``, are equal.
     """
 
     kind: str
@@ -232,7 +231,7 @@ SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 def open_archive(path: File, what: str, remedy: str) -> Iterator[Archive]:
     """Open a zip for reading; convert all errors to a ResultError.
 
-    Its message has the expected kind of file, ``what``, and advice to the user, ``remedy``.
+    It has the expected kind of file, ``what``, and advice to the user, ``remedy``.
     """
     name = name_of(path)
     try:
@@ -274,7 +273,7 @@ def has_format_version(archive: Mapping[str, Any]) -> bool:
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
     """Raise a ResultError unless the format version of a file is ``current``.
 
-    Raise a ValueError if the version is not a positive integer.
+    ValueError if the version is not a positive integer.
     """
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
@@ -308,7 +307,7 @@ def check_arrays(
     """Check arrays by their entries; return them by the names of the entries, in their types.
 
     The names in ``arrays`` begin with ``prefix``. ``sizes`` are known sizes by the words in shapes.
-    Raise a ValueError if a required array is missing, or an array is invalid.
+    ValueError if a required array is missing, or an array is invalid.
     """
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
@@ -395,8 +394,8 @@ class Saved(Protocol):
 def save_with_fallback(path: Path, found: Saved) -> str:
     """Save a result, or those parts of it that can be saved.
 
-    Return a line with the missing parts and the reasons; empty if nothing is missing. If the
-    required parts cannot be saved either, the error of the method ``save`` is raised.
+    Return a line with the missing parts and the reasons, or an empty one. If the required parts
+    cannot be saved, the error of the method ``save`` is raised.
     """
     try:
         found.save(path)

@@ -13,7 +13,7 @@ Up = Literal["x", "y", "z"]
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A function (V,) or (F,) as colours; functions with the same ``bar`` title share a range."""
+    """A function (V,) or (F,) as colours; functions with equal titles ``bar`` share a range."""
 
     values: FloatArray
     bar: str = "function"
@@ -28,7 +28,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates (V, 2), where one unit spans two squares."""
+    """A checkerboard by texture coordinates (V, 2), two squares in a unit."""
 
     coordinates: FloatArray
 

@@ -125,8 +125,8 @@ def _write_obj(file: Path, mesh: TriangleMesh, places: FloatArray, materials: st
 def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) -> bytes:
     """Return the bytes of a .glb file, with a separate vertex for each corner of a face.
 
-    The corners are sorted by the vertex of the mesh to which they belong. A reader that merges
-    vertices by position therefore numbers them as the mesh does.
+    The corners are sorted by their vertex of the mesh. A reader that merges vertices by position
+    therefore numbers them as the mesh does.
     """
     points = mesh.vertices.astype("<f4")
     lost = len(np.unique(mesh.vertices, axis=0)) - len(np.unique(points, axis=0))

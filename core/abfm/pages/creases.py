@@ -26,7 +26,7 @@ class DrawnMesh:
     faces: IntArray  # (F, 3): faces of the mesh, with drawn vertices
 
     def values(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values (V, ...) at the drawn vertices, as (D, ...); the same array if D = V."""
+        """Return values (V, ...) at the drawn vertices, (D, ...)."""
         return values if len(self.origin) == len(values) else values[self.origin]
 
 

@@ -36,7 +36,6 @@ def environment(*folders: Path) -> Environment:
 
 
 def _explanation(topic: str) -> Markup:
-    """Return the section of the page Troubleshooting about a topic, as HTML."""
     markdown = MarkdownIt("commonmark", {"html": False})
     return Markup(markdown.render(troubleshooting.section(topic)))
 

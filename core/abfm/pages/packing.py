@@ -31,7 +31,6 @@ class Quantized:
     step: float
 
     def position(self, value: float) -> float:
-        """Return the position of a value, in steps from the minimum."""
         return (value - self.minimum) / self.step
 
 
@@ -68,8 +67,8 @@ class Store:
     def add(self, array: NDArray[Any]) -> dict[str, int]:
         """Append an array (rows, columns) or (columns,), and return a description of it.
 
-        The description has offset, rows, columns and bytes per value. Values are unsigned integers,
-        or real numbers, which are stored in single precision.
+        It has offset, rows, columns and bytes per value. Values are unsigned integers, or real
+        numbers, which are stored in single precision.
         """
         rows = np.atleast_2d(array)
         if rows.dtype.kind == "f":

@@ -176,10 +176,7 @@ class Page:
     topics: Sequence[str] = ()
 
     def html(self, is_embedded: bool = False) -> str:
-        """Return the HTML of the page.
-
-        If ``is_embedded``, the texts above and below the panels are omitted.
-        """
+        """Return the HTML of the page; if ``is_embedded``, only the panels."""
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', stylesheet(TEMPLATES / "page.css")
@@ -226,8 +223,7 @@ class _PageData:
     def _relative_times(self, times: ArrayLike) -> FloatArray:
         """Return times as fractions of the duration of the clock, 0 at its start and 1 at its end.
 
-        The page stores times in single precision, which cannot distinguish large numbers such as
-        dates.
+        The page stores single precision, which cannot distinguish large numbers such as dates.
         """
         start, end = self._clock.start, self._clock.end
         relative = (np.asarray(times, dtype=float) - start) / (end - start)

@@ -15,8 +15,8 @@ CHANNELS_MAX = 4  # maximum number of pairs of functions that are shown
 def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
     """Return the fronts from which A and B are shown.
 
-    B is shown from its best side. A is shown from the side of B, rotated like the points of B by
-    the map. A cortex is shown from its lateral side. ``up`` is the axis that points upwards.
+    B is shown from its best side, or a cortex from its lateral side. A is shown from the side of B,
+    rotated like the points of B by the map. ``up`` is the axis that points upwards.
     """
     target = []
     if isinstance(found, Registration) and not found.match.problem.is_of_landmarks:
@@ -46,10 +46,7 @@ def _rotation(found: Correspondence) -> FloatArray:
 
 
 def functions_on_a(found: Registration) -> FloatArray:
-    """Return the compared functions of A, (V_A, C).
-
-    If they are unknown, return the source on B, transferred to A by the initial map.
-    """
+    """Return the compared functions of A, (V_A, C), or else the source on B, transferred to A."""
     if found.functions is not None:
         return found.functions
     return found.initial.inverse().transfer(found.match.source)

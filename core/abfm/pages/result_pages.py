@@ -116,10 +116,7 @@ def registration_page(
 
 
 def correspondence_page(found: Correspondence, title: str, up: str | None = None) -> Page:
-    """Return the page of a map: A with its coordinates, and B with the transferred coordinates.
-
-    The page has the facts of the map if it has any.
-    """
+    """Return the page of a map: A with its coordinates, and B with the transferred coordinates."""
     coordinates, transferred = found.a.vertices, found.transfer(found.a.vertices)
     colors = [color_range(values) for values in coordinates.T]
     sides = zip(
@@ -267,8 +264,8 @@ def _lines(match: Match, share: float) -> list[Paths]:
 def _flow_line_paths(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
     """Return times and points (N, 3) of the flow lines from ``seeds``, at uniform times.
 
-    If a line ends early, its last point is repeated. The list is empty if a flow line crosses too
-    many faces.
+    If a line ends early, its last point is repeated. The list is empty if a line crosses too many
+    faces.
     """
     tau = match.parameters.tau
     found, lines = [], []

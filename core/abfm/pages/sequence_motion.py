@@ -27,8 +27,8 @@ _PIECE_LENGTH = 0.01  # sqrt(area): longer pieces of a path could cut through th
 def fast_speed_of(sequence: abfm.Sequence) -> float:
     """Return the speed from which arrows of a sequence have their maximum length.
 
-    The result is the root mean square, over intervals, of `abfm.calculus.fast_speed`. One fast
-    interval therefore does not shorten the arrows of all others.
+    It is the root mean square of `abfm.calculus.fast_speed` over intervals. One fast interval
+    therefore does not shorten the arrows of all others.
     """
     speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
     fast = [abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds]

@@ -150,7 +150,7 @@ def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ())
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
     """Return a layer with a colour range that is symmetric about 0 and ignores extreme values.
 
-    The layer is subsampled in time if it exceeds ``share`` of the maximum number of values.
+    It is subsampled in time if it exceeds ``share`` of the maximum number of values.
     """
     stride = -(-values.size // int(share * PART_VALUES_MAX))
     shown, bound = values[::stride], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
@@ -238,8 +238,7 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
 def _path_lines(sequence: sequences.Sequence) -> Paths:
     """Return path lines from points distributed over the surface.
 
-    After `_PATH_INTERVALS` intervals, a path line restarts at its first point. Different lines
-    restart at different times.
+    After `_PATH_INTERVALS` intervals, a line restarts at its first point, each at another time.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))
@@ -272,8 +271,8 @@ def _path_lines(sequence: sequences.Sequence) -> Paths:
 def _keys(sequence: sequences.Sequence, share: float) -> tuple[FloatArray, FloatArray, str]:
     """Return times and values (T', V, C) of the frames that the page stores, and a note.
 
-    If there are too many frames, only some are stored, and the note reports it. Otherwise
-    interpolated frames are added, and the note is empty.
+    If there are too many frames, the note reports which are stored. Otherwise interpolated frames
+    are added, and the note is empty.
     """
     times, frames = sequence.times, sequence.frames[:, :, :CHANNELS_MAX]
     keys_max = max(int(share * VALUES_MAX) // (frames.shape[1] * frames.shape[2]), 2)

@@ -130,8 +130,8 @@ def _matrix(data: bytes, head: Any) -> Any:
 def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tuple[Any, int]:
     """Return the brain model of the hemisphere that is read, and the number of other models.
 
-    A brain model describes the vertices of one structure in a CIFTI file. ``sides`` are the
-    parameters ``hemisphere`` and ``likely`` of `read_cifti`.
+    A brain model describes the vertices of one structure. ``sides`` are the parameters
+    ``hemisphere`` and ``likely`` of `read_cifti`.
     """
     requested, likely = sides
     every = list(models.brain_models)
@@ -161,10 +161,7 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
 
 
 def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
-    """Return all numbers of the file, with a row for each grayordinate.
-
-    ``axis`` is the axis of grayordinates in the file, 0 or 1.
-    """
+    """Return all numbers of the file, with a row for each grayordinate, axis 0 or 1 in the file."""
     shape = tuple(map(int, head.get_data_shape()))
     if len(shape) != 6 or shape[:4] != (1, 1, 1, 1):
         raise ValueError(f"the array of the file has shape {shape}; expected two axes of numbers")
@@ -199,9 +196,7 @@ def _scaled(numbers: NDArray[Any], head: Any) -> FloatArray:
 
 
 def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
-    """Return an image and the seconds between its frames, or NaN if the file has no time.
-
-    The axes of the image are columns, rows, slices and frames.
+    """Return an image (columns, rows, slices, frames) and the seconds between frames, or NaN.
 
     Errors are those of `read_cifti`.
     """
@@ -221,7 +216,7 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
 
 
 def frame_seconds(head: Any) -> float:
-    """Return the seconds between frames according to a nibabel header, or NaN if it has no time."""
+    """Return the seconds between frames in a nibabel header, or NaN if it has no time."""
     steps = head.get_zooms()
     unit = head.get_xyzt_units()[1] if hasattr(head, "get_xyzt_units") else "msec"  # .mgh
     return _SECONDS.get(unit, math.nan) * float(steps[3]) if len(steps) > 3 else math.nan

@@ -122,10 +122,9 @@ class Columns:
         return replace(found, values=table)
 
     def by_vertex(self) -> Columns:
-        """Convert the column of vertex numbers to the attribute ``vertices``.
+        """Convert the column of vertex numbers, if there is one, to the attribute ``vertices``.
 
-        A column of vertex numbers is named vertex, node, index, Vertex ID or similar, or is the
-        first one and has no name. Without such a column, nothing changes.
+        It is named vertex, node, index, Vertex ID or similar, or is the first one and has no name.
         """
         place = self._place_of_vertices()
         if place is None:
@@ -271,10 +270,9 @@ def counts_of(mesh: Numbering) -> tuple[int, int]:
 
 
 def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int) -> int:
-    """Return the axis of an array that belongs to the vertices.
+    """Return the axis of an array whose size is one of ``counts``, numbers of vertices.
 
-    It is an axis whose size is one of ``counts``: the ``preferred`` one, or else the first. If
-    there is none, the ``preferred`` one is returned.
+    It is the ``preferred`` one, or else the first. If there is none, it is the ``preferred`` one.
     """
     fitting = [axis for axis, size in enumerate(shape) if size in counts]
     return preferred if preferred in fitting or not fitting else fitting[0]

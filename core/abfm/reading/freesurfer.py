@@ -124,9 +124,9 @@ def freesurfer_annotation(data: bytes) -> Labels:
     """Read an .annot file, with a colour table of version 1 or 2, or without one.
 
     The file stores a colour for each vertex. The key of a label is the number of its colour in the
-    table. It counts from 0 in version 1, and is stored in the file in version 2. The key is -1 for
-    vertices without a colour, or with a colour that is not in the table. Without a table, keys are
-    the colours of the file, red + 256 green + 65536 blue, and have no names. Errors are those of
+    table. It counts from 0 in version 1, and is stored in version 2. It is -1 for vertices without
+    a colour, or with a colour that is not in the table. Without a table, keys are the colours of
+    the file, red + 256 green + 65536 blue, and have no names. Errors are those of
     `freesurfer_values`.
     """
     reader = _BytesReader(data)
@@ -173,10 +173,7 @@ def freesurfer_label(data: bytes) -> Columns:
 
 
 def freesurfer_text(data: bytes) -> Columns:
-    """Read values in the text format of ``mris_convert``.
-
-    Its lines are those of a .label file without a header: vertex, coordinates and value.
-    """
+    """Read values in the text format of ``mris_convert``: vertex, coordinates, value a line."""
     if data.startswith(b"#!ascii"):
         raise ValueError("the file is a surface; expected a file of values")
     rows = [line.split() for line in data.decode("utf-8", "replace").splitlines() if line.strip()]

@@ -124,10 +124,9 @@ def _color(label: Element) -> Color | None:
 
 
 def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any]:
-    """Return the numbers of a data array element; ``text`` is the text in it.
+    """Return the numbers of a data array element of the GIFTI file ``path``, with text ``text``.
 
-    ValueError if they have more than ``size_max`` bytes. ``path`` is the GIFTI file, for external
-    data.
+    ValueError if they have more than ``size_max`` bytes.
     """
     kind = choice_in(array, "DataType", _TYPES)
     order = choice_in(array, "ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")

@@ -18,8 +18,8 @@ _IMAGING = re.compile(
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
     """Return the hemisphere "L" or "R" in the name of a file; None if it has neither or both.
 
-    A name has the left hemisphere if a word between dots and underscores is ``hemi-L``, ``lh``,
-    ``L`` or ``left``, or ends with ``-lh``. The right hemisphere has the corresponding words.
+    A word between dots and underscores is ``hemi-L``, ``lh``, ``L`` or ``left``, or ends with
+    ``-lh``. The right hemisphere has the corresponding words.
     """
     words = re.split(r"[._]", os.path.basename(path))
     entities = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
@@ -37,7 +37,7 @@ def _side(word: str) -> str | None:
 def named_side(path: str | os.PathLike[str]) -> str | None:
     """Return the `hemisphere` in the name of a brain imaging file; None for other files.
 
-    In the names of other files, ``left`` may refer to a hand, for example.
+    In other names, ``left`` may refer to a hand, for example.
     """
     name = os.path.basename(path).lower()
     words = [word.rpartition("-") for word in re.split(r"[._]", name)]

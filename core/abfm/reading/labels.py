@@ -38,7 +38,7 @@ class Labels:
     def with_unknown(self) -> "Labels":
         """Return labels in which vertices without a label have a named key, as GIFTI requires.
 
-        The named key is "???" or "unknown", or else the smallest unused key from 0.
+        It is named "???" or "unknown", or is the smallest unused key from 0.
         """
         absent = self.values == NO_LABEL
         if NO_LABEL in self.names or not absent.any():

@@ -220,10 +220,7 @@ def _format(data: bytes, head: str, name: str) -> Format:
 
 
 def _format_of_text(head: str, named: Format) -> Format:
-    """Return the format of a text file with these first characters (``head``).
-
-    If they do not determine the format, it is ``named``, that of the name.
-    """
+    """Return the format of a text file that begins with ``head``; ``named`` is that of its name."""
     if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
         return Format.FREESURFER_ASCII
     found = (form for start, form in _TEXTS.items() if start.match(head))
@@ -231,7 +228,7 @@ def _format_of_text(head: str, named: Format) -> Format:
 
 
 def _has_old_quads(data: bytes) -> bool:
-    """Return whether the size of a file is that of a FreeSurfer surface of the oldest version.
+    """Return whether a file has the size of a FreeSurfer surface of the oldest version.
 
     It has 16-bit coordinates, and 3-byte vertex numbers of quadrangles.
     """
@@ -240,9 +237,9 @@ def _has_old_quads(data: bytes) -> bool:
 
 
 def _is_old_values(data: bytes) -> bool:
-    """Return whether the size of a file is that of FreeSurfer values in the old format.
+    """Return whether a file has the size of old FreeSurfer values.
 
-    It has two 3-byte counts, then 16-bit values.
+    These are two 3-byte counts, then 16-bit values.
     """
     return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
 

@@ -96,8 +96,8 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 def inflated(data: bytes, size_max: int | None = None) -> bytes:
     """Decompress data of gzip or zlib.
 
-    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes. By default
-    the limit is the `inflated_size_max` of the compressed size.
+    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes, by default
+    the `inflated_size_max` of the compressed size.
     """
     bound = inflated_size_max(len(data)) if size_max is None else size_max
     try:
@@ -166,7 +166,7 @@ def array_from(data: bytes) -> NDArray[Any]:
 def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dtype[Any]]:
     """Return the start of the data in a .npy file, and the shape, Fortran order and type.
 
-    ``total`` is the size of the file, and ``data`` its beginning. Errors are those of `array_from`.
+    ``total`` is the size of the file, and ``data`` its beginning. Errors are as of `array_from`.
     """
     file = BytesIO(data)
     try:
@@ -285,10 +285,7 @@ class Archive(Mapping[str, NDArray[Any]]):
 
 
 class _Part(RawIOBase):
-    """A part of an open file, as a file in which seeking is fast.
-
-    Seeking in ``zipfile`` reads all bytes before the position.
-    """
+    """A part of an open file, in which seeking is fast; ``zipfile`` reads all bytes before."""
 
     def __init__(self, file: BinaryIO, name: str, start: int, size: int) -> None:
         self.name = name

@@ -20,10 +20,7 @@ _HEAD = struct.Struct(">ffI")
 
 
 def read_stc(data: bytes) -> Columns:
-    """Read the values of one hemisphere, (n, T): a row for each vertex, a column for each time.
-
-    ValueError if the file is invalid.
-    """
+    """Read the values of one hemisphere, (n, T): a row for each vertex, a column for each time."""
     if len(data) < _HEAD.size:
         raise ValueError(
             f"the file is cut off: it has {len(data)} bytes, but its header alone has 12"

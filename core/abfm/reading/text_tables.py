@@ -76,7 +76,6 @@ def _cells(text: str, separator: str | None, comments: str | None) -> Iterator[l
 
 
 def _table_error(error: csv.Error) -> str:
-    """Return a message for the user about an error of the csv module."""
     if "field limit" in str(error):
         return f"a cell has more than {csv.field_size_limit():,} characters"
     return one_line(error).replace("unexpected end of data", _OPEN_QUOTE)
@@ -85,8 +84,8 @@ def _table_error(error: csv.Error) -> str:
 def parse_number(text: str, decimal_comma: bool = False) -> float:
     """Return the number in a cell, which may have a decimal comma.
 
-    ValueError if the cell is not a number. A comma that may separate thousands is also an error,
-    unless ``decimal_comma`` is True.
+    ValueError if the cell is not a number, or if its comma may separate thousands and
+    ``decimal_comma`` is False.
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
         raise ValueError(
@@ -154,8 +153,7 @@ def _with_gaps(
 ) -> Numbers:
     """Return the numbers in rows whose cells may also be blank, missing values, true or false.
 
-    If the cells are other words, a ValueError is raised. Its cause is ``error``, the reason why the
-    rows are not only numbers.
+    A ValueError about other words has the cause ``error``, as the rows are not only numbers.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
@@ -206,10 +204,7 @@ def _text(data: bytes | str) -> str:
 
 
 def _of_bytes(data: bytes) -> str:
-    """Decode a text in UTF-8, UTF-16 or cp1252, which Excel writes in western Europe.
-
-    A UnicodeDecodeError is raised for binary data.
-    """
+    """Decode UTF-8, UTF-16 or cp1252, which Excel writes; UnicodeDecodeError for binary data."""
     try:
         return decoded(data)
     except UnicodeDecodeError:
@@ -264,9 +259,9 @@ def _are_numbers(cells: list[str]) -> bool:
 def _with_points(
     rows: list[str], separator: str | None, names: list[str], integers: bool
 ) -> tuple[list[str], str | None]:
-    """Replace decimal commas by points in rows of numbers.
+    """Replace decimal commas in rows by points; return the rows and their separator of cells.
 
-    Return the rows and the separator of their cells. ValueError if commas are ambiguous.
+    ValueError if commas are ambiguous.
     """
     if separator == "," and not any('"' in row for row in rows):
         is_one_column = len(names) == 1 and not integers
@@ -295,8 +290,8 @@ def _has_comma(cell: str) -> bool:
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
     """Raise a ValueError if numbers have commas whose meaning is unclear.
 
-    This is the case if other numbers have decimal points, or if the commas may separate thousands.
-    ``body`` is the text of the table, and ``cells`` are its cells with a comma.
+    Other numbers in the text ``body`` have decimal points, or the commas of ``cells`` may separate
+    thousands.
     """
     if cells and _POINT.search(body):
         raise ValueError(
@@ -334,10 +329,7 @@ def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None
 
 
 def _commented_names(text: str, separator: str | None) -> list[str]:
-    """Return the words of the last comment above the numbers of a table; empty if there is none.
-
-    np.savetxt writes the names of columns there.
-    """
+    """Return the words of the last comment above the numbers, where np.savetxt writes names."""
     head = ""
     for line in text.split("\n"):
         if line.strip() and not line.startswith("#"):

@@ -47,11 +47,10 @@ class PointData(Mapping[str, NDArray[Any]]):
 
 
 class VtkFile(NamedTuple):
-    """Contents of a VTK file: points (n, 3), polygons, point data and time.
+    """Contents of a VTK file: points (n, 3), polygons, point data, and time or NaN.
 
-    The time is NaN if there is none. ``polygons`` is a function without arguments that returns the
-    polygons; it raises a ValueError if cells are damaged or not part of a surface. Files of values
-    may have no polygons.
+    The function ``polygons`` returns the polygons, or raises a ValueError if cells are damaged or
+    not part of a surface. Files of values may have no polygons.
     """
 
     points: FloatArray
@@ -94,8 +93,8 @@ def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:
     """Return the triangles (F, 3) of strips, with the orientation of the first one of each strip.
 
     ``sizes`` (S,) are the numbers of corners of the strips, and ``corners`` (sum of sizes,) their
-    concatenated vertices. Triangles with the same vertex twice only connect two parts of a strip,
-    and are omitted.
+    concatenated vertices. Triangles with a vertex twice only connect parts of a strip; they are
+    omitted.
     """
     counts = np.maximum(sizes - 2, 0)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -131,10 +131,7 @@ class _Parser:
         self._store(words[0], self._numbers(self._count * columns, kind), columns)
 
     def _take_field(self, count: int) -> None:
-        """Read the ``count`` arrays of a field.
-
-        The line before each array has its name, columns, rows and type.
-        """
+        """Read ``count`` arrays of a field, each after a line of name, columns, rows and type."""
         for _ in range(count):
             words = self._words()
             while words[0].upper() == "METADATA":
@@ -153,7 +150,7 @@ class _Parser:
     def _skip_strings(self, count: int) -> None:
         """Skip ``count`` texts: one on each line, or, in binary files, bytes after their number.
 
-        The two highest bits of this number determine how many bytes the number itself has.
+        Its two highest bits determine how many bytes the number itself has.
         """
         for _ in range(count):
             if self._begin >= len(self._data):

@@ -18,10 +18,7 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Convert a word to a number; ValueError if it is not a number.
-
-    Exponents of Fortran are also read, such as in ``1.0D+00``.
-    """
+    """Convert a word to a number, also with a Fortran exponent (``1.0D+00``), or raise an error."""
     try:
         return float(word)
     except ValueError:
@@ -61,10 +58,7 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, shape (count,); ValueError if fewer follow.
-
-        The message calls the numbers ``of``.
-        """
+        """Return the next numbers, (count,); a ValueError if fewer follow calls them ``of``."""
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:
@@ -101,8 +95,8 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
     """Split numbers (n,) into lists; the length of each list precedes its entries.
 
     ``count`` is the number of lists, by default as many as there are. Return the lengths of the
-    lists, shape (count,), and their concatenated entries, shape (n - count,). ValueError if the
-    numbers do not form this number of lists.
+    lists, (count,), and their concatenated entries, (n - count,). ValueError if the numbers do not
+    form this number of lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):

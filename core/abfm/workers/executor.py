@@ -81,11 +81,10 @@ def completed(
 ) -> Iterator[tuple[Task, Future[Result]]]:
     """Submit tasks, and yield each task with its future when it completes.
 
-    ``submit`` submits a task to an executor, at most ``submitted_max`` tasks at once. The deque
-    ``tasks`` is submitted from the left, with tasks that are added during the iteration. The
+    ``submit`` submits a task to an executor, at most ``submitted_max`` at once. Tasks are submitted
+    from the left of the deque ``tasks``, to which tasks may be added during the iteration. The
     iteration ends when all tasks are complete or ``is_wanted`` returns false. This is checked
-    before each submission, and ten times a second. Calls that are still running at the end are not
-    cancelled.
+    before each submission, and ten times a second. Calls that are still running are not cancelled.
     """
     waiting, ended = dict[Future[Result], Task](), SimpleQueue[Future[Result]]()
     while (tasks or waiting) and is_wanted():

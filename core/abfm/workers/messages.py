@@ -29,10 +29,7 @@ class Parcel(NamedTuple):
     values: dict[str, bytes]
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the value, and the named values in it by name.
-
-        ``known`` are the named values that the receiver already has.
-        """
+        """Return the value, and its named values by name, of which the receiver has ``known``."""
         received = {name: pickle.loads(content) for name, content in self.values.items()}
         named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))
@@ -61,7 +58,7 @@ class _Unpickler(pickle.Unpickler):
 def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, Any]]:
     """Return a parcel with a value, and the named values in it by name.
 
-    The parcel omits the named values that the receiver already has; ``known`` are their names.
+    The parcel omits those that the receiver already has; ``known`` are their names.
     """
     file, named = io.BytesIO(), dict[str, Any]()
     pickler = _Pickler(file, protocol=5)

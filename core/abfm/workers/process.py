@@ -84,8 +84,7 @@ class ChildProcess:
 def separate_group() -> dict[str, Any]:
     """Return options of `subprocess.Popen` for a process that Ctrl-C does not reach.
 
-    A terminal sends Ctrl-C to a complete group of processes, and only the main process should
-    handle it.
+    A terminal sends Ctrl-C to a group of processes, and only the main process should handle it.
     """
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}

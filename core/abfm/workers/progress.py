@@ -156,8 +156,8 @@ def step(
 def stepped(task: str, items: Collection[Item]) -> Iterator[Iterator[Item]]:
     """Report work through items as one step, which ends with the context.
 
-    The context yields an iterator over the items. The iterator calls `checkpoint` before each item,
-    and reports the completed share after each.
+    The context yields an iterator over the items. It calls `checkpoint` before each item, and
+    reports the completed share after each.
     """
     with step(task) as done:
         yield _counted(items, done)

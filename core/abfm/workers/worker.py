@@ -213,10 +213,7 @@ class _Connection:
         return bool(self._calls)
 
     def send_update(self, update: ControlUpdate) -> None:
-        """Send an update without waiting.
-
-        If another thread is sending a request, that thread sends the update afterwards.
-        """
+        """Send an update, or let the thread that is sending a request send it afterwards."""
         self._updates.append(update)
         self._send_updates()
 
@@ -255,10 +252,7 @@ class _Connection:
                 self._sending.release()
 
     def _distribute(self, answers: list[Answer]) -> None:
-        """Pass each answer to its call.
-
-        Steps are also passed to all later calls, which wait for that call.
-        """
+        """Pass each answer to its call, and steps also to all later calls, which wait for it."""
         for answer in answers:
             is_step = answer.kind == "step"
             if is_step:
@@ -356,10 +350,7 @@ class Server:
 def _show_warning(
     before: Callable[..., None], message: Warning | str, category: type[Warning], *place: Any
 ) -> None:
-    """Send a library warning to the thread that waits for the call.
-
-    Other warnings are printed by ``before``, the function that this one replaces.
-    """
+    """Send a library warning to the thread that waits for the call; ``before`` prints others."""
     answer = _answer.get(None)
     if answer is not None and issubclass(category, AbfmWarning):
         answer("warning", str(message))
