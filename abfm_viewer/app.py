@@ -43,7 +43,7 @@ def _run(words: list[str]) -> int:
     parser.set_defaults(parser=parser)
     arguments = parser.parse_all(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
-        import_module("abfm.numerics.kernels")  # refuses invalid settings before a window opens
+        import_module("abfm.numerics.kernels")  # refuses invalid values before a window opens
     what = (arguments.file, arguments.second) if arguments.second else arguments.file
     if arguments.array is not None:
         if not arguments.second:

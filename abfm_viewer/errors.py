@@ -16,10 +16,7 @@ class DrawingError(AbfmError):
 
 
 class DriverError(AbfmError):
-    """A request to the `Driver` that no user could make.
-
-    For example an unknown label, a disabled button, or a vertex that no view shows.
-    """
+    """A request to the `Driver` that no user could make, such as a click on a disabled button."""
 
 
 def attach_app_stub(

@@ -42,10 +42,7 @@ def vertices() -> dict[str, int]:
 
 
 def thumbnail_corners(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the upper left and lower right corner of a sample's thumbnail in `PICTURES`.
-
-    Corners are fractions of the image's width and height.
-    """
+    """Return the upper left and lower right corner of a thumbnail, as fractions of `PICTURES`."""
     number, rows = list(vertices()).index(name), -(-len(vertices()) // COLUMNS)
     column, row = number % COLUMNS, number // COLUMNS
     return (column / COLUMNS, row / rows), ((column + 1) / COLUMNS, (row + 1) / rows)

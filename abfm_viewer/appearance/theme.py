@@ -66,7 +66,7 @@ def _color(code: str) -> Color:
 
 LIGHT_PALETTE = _palette(0)
 DARK_PALETTE = _palette(1)
-# dark enough for white numbers, and easily distinguished
+# colours of landmarks: dark enough for white numbers, and easily distinguished
 _LANDMARK_CODES = (
     "1f5fd0",
     "c4314b",

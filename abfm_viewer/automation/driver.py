@@ -30,11 +30,11 @@ from abfm_viewer.window.window import Openable, open_window
 
 _CLICKABLE_KINDS: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _OPEN_SECONDS_MAX = 120.0
-_OVERSHOOT_PIXELS = 10.0  # beyond the end of a slider
-_TOOLTIP_FRAMES = 30  # until a tooltip is shown
+_OVERSHOOT_PIXELS = 10.0  # distance of a drag beyond the end of a slider
+_TOOLTIP_FRAMES = 30  # number of frames until a tooltip is shown
 _GRAB_PADDING_PIXELS = 2.0  # padding of a slider's grab in ImGui
-_ZOOMS = (1.0, 4.0)  # tried to make a vertex visible
-_PICK_PIXELS_MAX = 12.0  # maximum distance of a vertex from a click, without drawing
+_ZOOMS = (1.0, 4.0)  # zooms that are tried to make a vertex visible
+_PICK_PIXELS_MAX = 12.0  # maximum distance of a click from its vertex, if nothing is drawn
 _SHIFT = ("shift",)
 
 
@@ -117,10 +117,7 @@ class Driver:
             self.window.tick()
 
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
-        """Draw frames until a condition on the session is true, and then two more frames.
-
-        Raises `DriverError` if it is not true within the given time.
-        """
+        """Draw frames until a condition is true; raise `DriverError` after ``seconds``."""
         end = time.monotonic() + seconds
         while not condition(self.session):
             if time.monotonic() > end:
@@ -146,7 +143,6 @@ class Driver:
         return list(dict.fromkeys(widget.label for widget in self.window.ui.widgets))
 
     def is_enabled(self, label: str, within: str = "") -> bool:
-        """Return whether a widget is enabled."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
     def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
@@ -194,10 +190,7 @@ class Driver:
             self.input.key("enter")
 
     def drag(self, label: str, value: float, within: str = "") -> None:
-        """Drag a slider to a value in its units.
-
-        Raises `DriverError` if the value is outside the range of the slider.
-        """
+        """Drag a slider to a value in its units; raise `DriverError` if it is out of range."""
         widget = self.search.find(label, within, ("slider",))
         ends = widget.ends
         if ends.nearest(value) != value:
@@ -223,10 +216,7 @@ class Driver:
             self._click_on(widget)
 
     def key(self, chord: str) -> None:
-        """Press a key such as "space", "ctrl+z", "f1" or "a".
-
-        Raises `DriverError` if there is no such key.
-        """
+        """Press a key such as "space", "ctrl+z" or "f1"; raise `DriverError` for any other name."""
         self.input.key(chord)
 
     def _click(
@@ -337,7 +327,7 @@ class Driver:
         return hit is not None and (hit.surface, hit.vertex) == (surface, local)
 
     def _nearest_vertex(self, position: Place) -> Hit | None:
-        """Return the vertex nearest to a place in the window, if the backend cannot pick."""
+        """Return the vertex nearest to a place in the window, for a backend that cannot pick."""
         scene, hits = self.window.scene, []
         for surface in scene.shown:
             mesh = self.session.surface(surface).mesh
@@ -356,10 +346,7 @@ def _has_values(session: Session) -> bool:
 
 
 def _on_slider(widget: Widget, value: float) -> Place:
-    """Return the position in the window at which a slider has a value.
-
-    The range of a slider begins and ends half a grab (the handle) from its sides.
-    """
+    """Return the place of a value on a slider, whose range ends half a grab before its sides."""
     left, _, right, _ = widget.rect
     inset = widget.grab / 2 + _GRAB_PADDING_PIXELS
     along = widget.ends.share_of(value) * (right - left - 2 * inset)

@@ -35,7 +35,6 @@ class InputEvents:
         self.place: Place = _OUTSIDE_PLACE
 
     def move(self, x: float, y: float) -> None:
-        """Move the mouse."""
         self.place = (x, y)
         imgui.GetIO().AddMousePosEvent(x, y)
         self._frames(1)
@@ -46,7 +45,6 @@ class InputEvents:
         self._frames(1)
 
     def release(self, button: int = 0) -> None:
-        """Release a mouse button."""
         imgui.GetIO().AddMouseButtonEvent(button, False)
         self._frames(2)
 
@@ -78,7 +76,6 @@ class InputEvents:
         self._frames(2)
 
     def write(self, text: str) -> None:
-        """Type a text."""
         imgui.GetIO().AddInputCharactersUTF8(text)
         self._frames(2)
 
@@ -89,7 +86,6 @@ class InputEvents:
 
     @contextmanager
     def holding(self, modifiers: Sequence[str]) -> Iterator[None]:
-        """Hold modifier keys during the block."""
         for modifier in modifiers:
             self.set_modifier(modifier, True)
         yield
@@ -97,10 +93,7 @@ class InputEvents:
             self.set_modifier(modifier, False)
 
     def key(self, chord: str) -> None:
-        """Press and release a key such as "space", "ctrl+z" or "a".
-
-        Raises `DriverError` if there is no such key.
-        """
+        """Press a key such as "space" or "ctrl+z"; raise `DriverError` if there is no such key."""
         *modifiers, name = chord.lower().split("+")
         imgui_name = _KEYS.get(name, name.upper() if len(name) <= 2 else name.capitalize())
         try:

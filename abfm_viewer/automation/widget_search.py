@@ -19,7 +19,7 @@ _FOLDER_SECONDS = 1.0  # to read a folder for a file dialog
 
 
 class WidgetSearch:
-    """Search of widgets in a window; `found` has all found widgets, as they were at that time."""
+    """Search of widgets in a window; `found` has each found widget, in its state at that time."""
 
     def __init__(self, window: Window, input: InputEvents) -> None:
         self._window = window

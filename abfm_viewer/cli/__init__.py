@@ -10,10 +10,7 @@ from collections.abc import Callable
 from abfm_viewer import signals
 
 _LOADING_BYTES = 450e6
-"""Address space of the libraries and a small match.
-
-If it runs out later, OpenBLAS retries forever and other libraries crash.
-"""
+"""Address space of libraries and a small match; with less they hang (OpenBLAS) or crash."""
 
 
 def main(argv: list[str] | None = None) -> int:

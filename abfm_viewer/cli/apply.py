@@ -39,7 +39,7 @@ Examples:
 DETAILS = """\
 Data:
   One or more columns of values. By area (default), a vertex of a coarser surface gets the mean of
-  the values around it; by point, the value at one point.
+  the values around it; by point, the value at the corresponding point.
 Labels:
   Labels are not averaged: each vertex gets the label with the largest weight.
 Points:
@@ -68,8 +68,8 @@ MAIN_OPTIONS = (
 
 _LABEL_KEY_MAX = 2**31 - 1
 # distances of points from a surface, in sqrt(area)
-_DISTANCE_NOTED = 1e-6  # larger ones are not rounding errors
-_DISTANCE_MAX = 1.0  # larger ones are errors
+_DISTANCE_NOTED = 1e-6  # larger distances are not rounding errors
+_DISTANCE_MAX = 1.0  # larger distances are errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -59,7 +59,7 @@ from abfm_viewer.reports.batches import (
 
 SUMMARY = "solve a table of problems on all cores or a cluster, and resume it later"
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
-"""Most rows whose summary is written after a signal, which takes less than a second."""
+"""Largest number of rows whose summary is also written after a signal, in less than 1 s."""
 _FAILURES_MAX = 8  # printed failures
 _NAMES_MAX = 8  # printed names of rows with one outcome
 _PICTURE_COLORS = 64  # colours of a small picture
@@ -249,10 +249,7 @@ def _values(word: str) -> tuple[str, list[str]]:
 
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
-    """Solve the rows that have no result yet; write and print the summary of all rows.
-
-    Return the exit status.
-    """
+    """Solve the rows without a result, write and print the summary, and return the exit status."""
     start = time.perf_counter()
     try:
         entries, status = solved(rows, title, arguments.out, arguments)
@@ -270,10 +267,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[LedgerEntry], int | None]:
-    """Solve the rows that have no result yet; return the state of all rows, and an exit status.
-
-    The exit status is that of a received signal; without a signal it is None.
-    """
+    """Solve the rows without a result; return all rows, and the exit status after a signal."""
     cluster, control, ledger = options.cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)
@@ -360,10 +354,7 @@ def _status(rows: Sequence[SummaryRow]) -> int:
 
 
 def _line(row: SummaryRow) -> str:
-    """Return a line about a row: ``sub-01: matched (residual 2.1%), in 1.2 s``.
-
-    If the row failed, the line contains the reason.
-    """
+    """Return a line: ``sub-01: matched (residual 2.1%), in 1.2 s``, or the reason for a failure."""
     name, facts = one_line(row.name, 80), row.facts
     if not row.is_known:
         return f"{name}: {facts.outcome}: {facts.reason}"

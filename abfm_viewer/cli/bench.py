@@ -40,7 +40,8 @@ Examples:
   abfm bench --measured --only-given --meshes humans/ --problems 2
 """
 DETAILS = """\
-A success of --success has a residual of at most 0.05, by the discrete flow and along flow lines.
+With --success, a match succeeds if its residuals, by the discrete flow and along flow lines, are at
+most 0.05.
 With --measured, the default parameters are compared with the best of six values of sigma.
 
 The problems of --success and --measured are rows of a batch. All cores solve them, or --jobs

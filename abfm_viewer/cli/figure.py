@@ -155,10 +155,7 @@ class _Figure:
         return experiments.requested_matches(self.script)
 
     def needed_matches(self) -> Sequence[RequestedMatch]:
-        """Run the script until it requests matches, and return the requests.
-
-        If the script raises an `AbfmError`, return none; `findings` then raises this error.
-        """
+        """Return the requested matches; none after an error, which `findings` raises."""
         try:
             return self.requested
         except AbfmError as error:
@@ -197,8 +194,7 @@ def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -
 def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
     """Run the script of a figure to its end, and return the figure for the page.
 
-    If the script fails and all figures are requested, the figure's `problem` is the error. If one
-    figure is requested, the error is raised.
+    If it fails, the `problem` is the error; if only one figure is requested, the error is raised.
     """
     number, on_mesh = figure.number, figure.setup.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)

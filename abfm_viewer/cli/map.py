@@ -38,9 +38,10 @@ Examples:
 """
 DETAILS = """\
 The map of a match is that of the flow lines that verify it. The file has, for each vertex, the
-vertex from which its value comes, or with --inverse the vertex to which its value moves. Functions
-can use it, as in permuted:map.txt(coordinate:x), and --truth as well. The report has the change of
-areas (J) and shapes (R) of faces, the number of folded faces, and the round-trip error of vertices.
+vertex from which its value comes, or with --inverse the vertex to which its value moves. The option
+--truth and functions such as permuted:map.txt(coordinate:x) read such a file. The report has the
+change of areas (J) and shapes (R) of faces, the number of folded faces, and the round-trip error of
+vertices.
 A warning appears if too many faces are folded to trust the map.
 
 The map of a registration has, for each vertex of B, the nearest vertex of A. The report has the
@@ -174,10 +175,7 @@ def _table(
 
 
 def _moved_table(points: PointMap, path: str) -> NDArray[Any]:
-    """Return the table of a file, with one row per vertex, transferred along the flow.
-
-    Rows of vertices without faces are NaN.
-    """
+    """Return a file's rows, transferred along the flow; NaN for vertices without faces."""
     rows = read_values(path, points.domain).table()
     if not np.isfinite(rows).all():
         raise FunctionError(

@@ -181,10 +181,7 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
 
 
 def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] = ()) -> None:
-    """Declare a command-line option or argument for each input of a task, except ``without``.
-
-    `given_texts` returns the texts that the user gave.
-    """
+    """Declare a command-line option or argument for each input of a task, except ``without``."""
     groups: dict[str, argparse._ActionsContainer] = {"": parser}
     rare = [each for each in inputs if each.is_rare]
     for each in inputs:
@@ -269,17 +266,14 @@ def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
 
 
 def load_result(path: str, *expected: type) -> Any:
-    """Read a result, which must have one of the expected types.
-
-    Warn if values stored in the file contradict the velocity field and were therefore recomputed.
-    """
+    """Read a result of an expected type, and warn if its values had to be recomputed."""
     result = abfm.load(path, *expected)
     warn_if_recomputed(path, result)
     return result
 
 
 def warn_if_recomputed(path: str, result: object) -> None:
-    """Warn if values in the file of a result contradict its velocity field and were recomputed."""
+    """Warn if values in the file of a result contradict its field and were recomputed."""
     match = getattr(result, "match", result)
     if load_warning := getattr(match, "load_warning", ""):
         text = f"values stored in {path} do not match its field and were recomputed: {load_warning}"

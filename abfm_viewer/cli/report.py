@@ -85,10 +85,7 @@ def _loaded(path: str) -> Correspondence:
 def _facts(
     arguments: argparse.Namespace, found: Correspondence, distortion: Distortion
 ) -> dict[str, Any]:
-    """Return the content of the report's page as plain numbers and texts.
-
-    Unknown numbers are None.
-    """
+    """Return the contents of the report's page as numbers and texts; None if unknown."""
     name = printable(Path(arguments.input).name)
     facts: dict[str, Any] = {
         "abfm": version("abfm"),

@@ -76,10 +76,7 @@ class Command:
 
 
 def row_of(arguments: argparse.Namespace, task: type[Task]) -> Row:
-    """Check the inputs on the command line, and return them as a row of a batch.
-
-    Relative paths begin at the current folder.
-    """
+    """Return the checked inputs as a row of a batch; paths begin at the current folder."""
     names = {
         each.name: f"--set {each.name}" if each.is_rare else options.shown_name(each)
         for each in task.inputs

@@ -25,10 +25,7 @@ THREADS = DaemonThreads("background")  # threads for all work that the window do
 
 
 def error_line(error: BaseException) -> str:
-    """Return the message of an error in one line.
-
-    The name of the error's class is added, unless the error is about the user's input.
-    """
+    """Return an error in one line, with its class unless it is about the user's input."""
     text = one_line(str(error), MESSAGE_LENGTH_MAX)
     if isinstance(error, AbfmError | OSError):
         return text
@@ -101,10 +98,7 @@ class Latest(Generic[Value]):
             return self._running is not None
 
     def request(self, key: object, compute: Callable[[], Value]) -> Value | None:
-        """Request the value of a key from ``compute``; return it, or None while it is computed.
-
-        The result is also None if the computation failed; see `error`.
-        """
+        """Request a value from ``compute``; return None until it is computed, or if it failed."""
         with self._condition:
             is_new, self._requested = not same(key, self._requested), key
             if same(key, self.key):

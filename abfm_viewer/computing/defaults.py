@@ -24,8 +24,8 @@ _TARGET_DISTANCE = 0.5
 More distant targets are also matched, but by maps that change areas a lot, for example where limbs
 meet the body.
 """
-_FACING_WEIGHT = 0.1  # weight of facing the viewer, as a share of the longest geodesic
-_AVERAGED_VERTICES = 3000  # vertices to average over
+_FACING_WEIGHT = 0.1  # weight of vertices that face the viewer, as a share of the longest geodesic
+_AVERAGED_VERTICES = 3000  # number of vertices in the sample for averages
 _TILT = np.array([0.02, -0.01, 0.005])
 
 

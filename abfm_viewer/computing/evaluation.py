@@ -1,7 +1,4 @@
-"""Evaluation of functions on a mesh in the background, with a cache of their values.
-
-A function is given by its text (spec), such as ``gaussian:vertex=3,width=0.1``.
-"""
+"""Evaluation of functions, given by texts such as ``eigenfunction:3``, in the background."""
 
 from __future__ import annotations
 
@@ -25,11 +22,11 @@ from abfm_viewer.document.document import Side
 SUBPROCESS_VERTICES_MIN = 20_000
 """Number of vertices from which a subprocess evaluates functions.
 
-Smaller meshes take less time than the start of a process. The libraries behind geodesics and
-eigenfunctions hold the interpreter, for 17 s at 160,000 vertices.
+Smaller meshes take less time than the start of a process. On larger ones, geodesics and
+eigenfunctions block all Python threads, for 17 s at 160,000 vertices.
 """
-_EXACT_VERTICES_MIN = 1_500  # for exact geodesic distances; 1 s at 6,000 vertices
-_CACHE_SIZE = 64  # functions
+_EXACT_VERTICES_MIN = 1_500  # limit for geodesic distances, which take 1 s at 6,000 vertices
+_CACHE_SIZE = 64  # number of functions
 # limits of the largest absolute value of a function, as graphics have single precision
 _SIZE_MIN = 1e-30
 _SIZE_MAX = 1e30
@@ -53,9 +50,9 @@ class Functions:
         at_once: bool = False,
     ) -> None:
         self.mesh = mesh
-        # values (V,) by term, from a project file, so that the files of functions are not needed
+        # values (V,) by term, from a project file, which make the files of functions unnecessary
         self.known = dict(known or {})
-        self.has_computed = False  # whether there may be a thread and a process
+        self.has_computed = False  # whether a thread and a subprocess may exist
         self._worker: Worker[None] | None = None
         self._is_large = len(mesh.vertices) >= SUBPROCESS_VERTICES_MIN
         if self._is_large or len(mesh.vertices) >= _EXACT_VERTICES_MIN:
@@ -165,10 +162,7 @@ def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
 
 
 class Evaluators(NamedTuple):
-    """Evaluators of the functions on the surface of the source, and on that of the target.
-
-    They are the same object if both functions are on one surface.
-    """
+    """Evaluators for the surfaces of source and target, or the same one for a single surface."""
 
     source: Functions
     target: Functions

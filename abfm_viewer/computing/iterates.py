@@ -88,11 +88,9 @@ def prepare(_: ProcessCache, mesh: TriangleMesh, parameters: Parameters) -> None
 
 
 def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.Match:
-    """Solve a match and report every iterate.
+    """Solve a match and report its iterates, as described in `_Reports`.
 
-    The first iterate and some others are reported with the advected source. From time to time the
-    best iterate is reported again, with its fields. ``run`` is the number under which ``cache``
-    stores iterates.
+    ``run`` is the number under which ``cache`` stores iterates.
     """
     before = max(cache, default=0)
     for earlier in cache.keys() - {before}:
@@ -113,9 +111,9 @@ def match(cache: ProcessCache, run: int, task: abfm.matching.MatchTask) -> abfm.
 
 
 class _Reports:
-    """Reports the iterates of a run; some with the advected source, fewer with the fields.
+    """Reports all iterates of a run: some with the advected source, fewer with the fields.
 
-    The advected sources take a tenth of the time, and the fields 2%.
+    The first one has the advected source. Fields are those of the best iterate.
     """
 
     def __init__(self, cache: ProcessCache, run: int, vertices: int) -> None:

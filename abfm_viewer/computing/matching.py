@@ -175,10 +175,7 @@ class Matching:
     def start(
         self, problem: ProblemSpec, functions: Evaluators, then: Then, field: FloatArray | None
     ) -> None:
-        """Start a run from a field, or from zero if ``field`` is None.
-
-        When the ended run is collected, ``then`` is called with the result.
-        """
+        """Start a run from a field, or from zero; ``then`` is called when it is collected."""
         self.running, self.snapshot = True, None
         self.problem = self._next = self._solved = problem
         self._found: abfm.Match | None = None
@@ -276,7 +273,7 @@ class Matching:
         except StartError:
             if start is None:
                 raise
-            return solve(problem)  # a start from other parameters may be too fast for these
+            return solve(problem)  # from zero, because the given field is too fast
 
     def _post(self, problem: ProblemSpec, now: abfm.matching.Iteration) -> None:
         view, shown, before = now.view, now, self.snapshot
@@ -294,18 +291,15 @@ class Matching:
             self._yield_to_next()
 
     def _yield_to_next(self) -> None:
-        """End the solve if another problem waits, but only after a few iterations.
+        """End the solve if another problem waits, but only after some iterations.
 
-        In this way matches also progress while the user drags.
+        So matches also make progress while the user drags a slider.
         """
         if self._next is not None and self._since_restart >= _ITERATIONS_BETWEEN_RESTARTS:
             self._run.end_call()
 
     def _store(self, snapshot: Snapshot) -> None:
-        """Store a snapshot as the best, unless a better one is stored or its problem was replaced.
-
-        The fields of its best iterate must be in this process.
-        """
+        """Store a snapshot, with its fields in this process, if it is the best of the problem."""
         is_current, best = snapshot.problem is self._current, self._best
         if is_current and (best is None or better(snapshot.shown, best.shown)):
             self._best = snapshot

@@ -37,13 +37,11 @@ _START_SECONDS = 0.02  # wait for a run to begin, which drawing would delay
 class Process:
     """A subprocess that calls functions one after another; their first argument is its cache.
 
-    The subprocess starts with the first call. If it has ended, the next call starts another one. An
-    idle subprocess is reused when its `Process` is closed and another one is created. So a script
-    that opens several windows in turn starts no others.
+    The subprocess starts with the first call. If it has ended, the next call starts another one.
+    When a `Process` is closed, the next one reuses its subprocess if that is idle.
 
-    A thread would not do: polyscope holds Python's interpreter while it draws a frame. Without a
-    graphics card this is nearly all of the time. A solver in a thread of the same process got a
-    tenth of it.
+    A thread would be too slow: polyscope holds Python's interpreter while it draws, nearly all of
+    the time without a graphics card. A solver in a thread got a tenth of the time.
     """
 
     _idle_workers: ClassVar[list[Worker[ProcessCache]]] = []
@@ -109,9 +107,7 @@ class Run(Generic[Result]):
         self.state, self.reason = RunState.IDLE, ""  # why the last run failed, in one line
         self.step: Step | None = None  # present step of the run, except for plain iterations
         self.started = 0  # number of runs
-        self.has_partial_results = (
-            False  # whether there are partial results, also of an earlier run
-        )
+        self.has_partial_results = False  # including results of an earlier run
         self._lock = threading.Lock()
         self._has_reported = threading.Event()
         self._recent: deque[float] = deque(maxlen=_RECENT_PARTIALS)  # times of partial results
@@ -179,20 +175,14 @@ class Run(Generic[Result]):
                 self._control.set_paused(self.paused)
 
     def cancel(self, skip_checks: bool = False) -> None:
-        """Cancel the run and return at once; the run then ends with its best result so far.
-
-        With ``skip_checks`` that result is not verified.
-        """
+        """Cancel the run without waiting; ``skip_checks`` leaves its best result unverified."""
         with self._lock:
             if self.running:
                 self.state = RunState.ENDING
                 self._control.cancel(skip_checks)
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Wait until the run is over, at most ``seconds``; return whether it is over.
-
-        Its result is passed on only by `collect`.
-        """
+        """Wait at most ``seconds`` until the run is over; return whether it is over."""
         return not self.running or not wait([self._working], seconds).not_done
 
     def collect(self) -> None:
@@ -207,10 +197,7 @@ class Run(Generic[Result]):
         self.state, self.reason = RunState.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """Cancel the run and end the subprocess.
-
-        If the run does not end soon after the cancellation, its subprocess is killed.
-        """
+        """Cancel the run, and end the subprocess even if the run has not ended soon after."""
         self.cancel(skip_checks=True)
         self.wait(min(seconds, _CLOSE_SECONDS))
         self.process.close()
@@ -226,10 +213,7 @@ class Run(Generic[Result]):
         on_partial: Callable[[Any], object] = ignore,
         tries: int = 1,
     ) -> Value:
-        """Return the result of a function in the subprocess, see `Process.solve`.
-
-        The call is paused and cancelled together with the run.
-        """
+        """Return the result of `Process.solve`, which is paused and cancelled with the run."""
 
         def take(partial: Any) -> None:
             self._has_reported.set()

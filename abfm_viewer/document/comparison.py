@@ -32,12 +32,7 @@ class Comparison:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """Return the title of a slot, which is one of the pictures side by side.
-
-        The titles of "source", "advected" and "target" name the functions that are compared. Other
-        slots have their name as title. Long names of subjects are abbreviated, so that the rest of
-        the title stays visible.
-        """
+        """Return the title of a slot (a picture), with an abbreviated name of the subject."""
         name = self.name if len(self.name) <= _LENGTH_MAX else f"{self.name[: _LENGTH_MAX - 3]}..."
         kind_titles = {
             "difference": f"{name} minus the mean",

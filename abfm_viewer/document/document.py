@@ -76,9 +76,9 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel:
-    """A pair of functions to match, source and target, as specs, and the weight of their mismatch.
+    """A pair of functions to match, and the weight of their mismatch.
 
-    A spec is a text that defines a function, see `abfm.functions`.
+    Functions are given as texts (specs), see `abfm.functions`.
     """
 
     source: str
@@ -140,10 +140,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh and the name of its file; surfaces that differ only in their front are equal.
-
-    The front is the side that is shown at first.
-    """
+    """A mesh, the name of its file, and its front (the side shown first), which is not compared."""
 
     mesh: TriangleMesh
     name: str
@@ -168,15 +165,12 @@ class InitialMap:
     correspondence: Correspondence
     request: MapRequest  # for which the map was computed
     notes: tuple[str, ...] = ()
-    # functions on A, (V_A, C), with the compared values; None if they are known on B alone
+    # functions on A, (V_A, C), scaled as in the match; None if they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
     warnings: tuple[str, ...] = ()  # reasons why the map may be wrong
 
     def registration(self, match: Match) -> Registration:
-        """Return the registration that consists of this map and a match that started from it.
-
-        The same match gives the same object.
-        """
+        """Return the registration of this map and a match; the same match gives the same object."""
         from abfm import Registration  # imported late: loads many modules
 
         found: Registration | None = vars(self).get("_registration")
@@ -268,7 +262,8 @@ class View(ViewPreferences):
 class RunRecord:
     """Energies of one run of the solver, one row for each of its n iterations.
 
-    Vertex counts of the meshes, reaches, residuals and sigmas (n,) are empty if unknown.
+    Vertex counts, residuals, sigmas and reaches (distances over which functions are compared, in
+    sqrt(area)) have shape (n,), and are empty if unknown.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
@@ -476,28 +471,18 @@ class Document:
         return replace(self, surfaces=tuple(surfaces))
 
     def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        """Return the direction from which most of the functions on a slot's surface is visible.
-
-        A slot is one of the pictures side by side. ``up`` is the axis that points up in the
-        picture.
-        """
+        """Return the direction that shows most of the functions; ``up`` is the upward axis."""
         return best_front(self.surface(slot).mesh, *functions, up=up)
 
     def values_key(self, side: Side, spec: str) -> str:
-        """Return the key under which a project stores a function's values from a file.
-
-        The key is the spec. For functions on surface A of two it has a prefix.
-        """
+        """Return a function's key in a project: its spec, with a prefix on surface A of two."""
         return spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         return dict(known)
 
     def missing_values(self, slot: str, values: Values) -> MissingValues:
-        """Return a cache key, and a function that returns where a slot's function has no values.
-
-        A slot is one of the pictures side by side. ``values`` returns the values of a function.
-        """
+        """Return a cache key, and a function that finds missing values in a slot (a picture)."""
         return (), lambda: None
 
     def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:

@@ -101,10 +101,7 @@ class FrameSequence:
         return 0.5 * (self.times[1:] + self.times[:-1])
 
     def interval(self, time: float) -> int:
-        """Return the number of the interval that contains a time.
-
-        At the time of a frame this is the interval after that frame, or the last interval.
-        """
+        """Return the number of the interval at a time; at a frame, that after the frame, if any."""
         after = int(np.searchsorted(self.times, time, side="right"))
         return min(max(after - 1, 0), self.intervals - 1)
 
@@ -128,10 +125,7 @@ class FrameSequence:
         return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
     def front(self, up: str | None = None) -> Front:
-        """Return the direction from which most changes between frames are visible.
-
-        Missing values do not count. ``up`` is the axis that points up in the picture.
-        """
+        """Return the direction that shows most of the changes; ``up`` is the upward axis."""
         changes = changes_in_time(self.frames.values)
         if (unknown := self.frames.unknown) is not None:
             changes[unknown] = 0.0

@@ -94,10 +94,7 @@ def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
 
 
 def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
-    """Return a spec in which the terms ``by`` replace Gaussian number ``bump``.
-
-    If ``bump`` is None, the terms are added at the end.
-    """
+    """Return a spec in which ``by`` replaces Gaussian number ``bump``, or is appended if None."""
     tree = functions.parse(spec)
     terms = list(_terms(tree))
     places = [i for i, term in enumerate(terms) if isinstance(term, functions.Gaussian)]

@@ -1,8 +1,4 @@
-"""Kinds of documents: match, pair of surfaces, subject of a population, sequence of frames.
-
-Each kind has fields for the user's input, the result and the view. Each is a subclass of
-`Document`, through which the window uses it.
-"""
+"""Kinds of documents: match, pair of surfaces, subject of a population, sequence of frames."""
 
 from __future__ import annotations
 
@@ -113,7 +109,7 @@ class MatchDocument(Document):
         return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
 
     def new_channel(self) -> Channel:
-        """Return a channel that fixes a place far from the Gaussians of the other channels."""
+        """Return a channel of a Gaussian that stays fixed, far from those of the other channels."""
         specs = [channel.spec(side) for channel in self.channels for side in SIDES]
         fixed = gaussians.landmark(specs, self.surface().mesh)
         return Channel(fixed, fixed)
@@ -170,10 +166,7 @@ class MatchDocument(Document):
         )
 
     def has_other_functions(self, result: Match, values: Values) -> bool:
-        """Return whether a result has other functions, mask or landmarks than the document.
-
-        Functions are compared only where the mask is positive.
-        """
+        """Return whether functions (where unmasked), mask or landmarks differ from a result's."""
         nameless = tuple(replace(pair, name="") for pair in self.pairs)
         if nameless != landmarks_of_match(result):
             return True

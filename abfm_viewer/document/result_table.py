@@ -85,10 +85,7 @@ class ResultRow:
         return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
 
     def has(self, words: Sequence[str]) -> bool:
-        """Return whether the row's name, verdict and reason together contain all ``words``.
-
-        Words are in lower case, and may be phrases.
-        """
+        """Return whether name, verdict and reason contain all words, which are in lower case."""
         text = f"{self.name} {self.verdict} {self.facts.reason}".lower()
         return all(word in text for word in words)
 

@@ -41,10 +41,7 @@ def landmark_pairs(
 
 
 def landmarks_of(given: abfm.registration.Landmarks) -> tuple[Landmark, ...]:
-    """Return the library's landmarks as landmarks of a document.
-
-    A name that is only the number of its landmark is dropped.
-    """
+    """Return the library's landmarks as those of a document, without names that are numbers."""
     names = ("" if name == str(n) else name for n, name in enumerate(given.names))
     columns = points_of(given.a), points_of(given.b), given.weights.tolist(), names
     return tuple(map(Landmark, *columns))

@@ -66,6 +66,6 @@ def refinement_text(match: abfm.Match) -> str:
 
 
 def stage_text(now: abfm.matching.Iteration) -> str:
-    """Return an iterate's position in the continuation: ``mesh 1/3, stage 2, reach 0.5``."""
+    """Return an iterate's mesh, stage, and reach (distance over which functions are compared)."""
     mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
     return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"

@@ -66,10 +66,7 @@ def _contents_of_arrays(path: Path) -> Contents:
 
 
 def _has_no_surface(path: Path) -> bool:
-    """Return whether a GIFTI file has no surface, so that it is a file of frames.
-
-    The result is False for a file that cannot be read.
-    """
+    """Return whether a GIFTI file can be read and has no surface, and so contains frames."""
     try:
         return all(each.intent != _POINTS for each in read_gifti(path).arrays)
     except (OSError, ValueError):  # reported when the file is read as a mesh

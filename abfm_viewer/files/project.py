@@ -170,10 +170,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
-    """Return the project file of which ``copy`` is an autosaved copy.
-
-    The result is None if the document had no file, or if that file no longer exists.
-    """
+    """Return the project file of an autosaved copy; None if it had none or it no longer exists."""
     try:
         with results.open_archive(copy, "project", "") as archive:
             plain = json.loads(archive.read(MEMBER))
@@ -196,10 +193,7 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _parts(found: Any) -> dict[str, Any]:
-    """Return a result, and those of its parts that the document also uses, as a dictionary.
-
-    The keys are the names of the parts in the JSON of the project.
-    """
+    """Return a result and its parts that the document also uses, by their names in the JSON."""
     parts = {} if found is None else {"result": found}
     for name in _PARTS:
         with suppress(AttributeError):
@@ -246,10 +240,7 @@ class _Writer:
         return value
 
     def _name(self, value: Any) -> str | None:
-        """Return the name of an object that the project already has; None if it is new.
-
-        A mesh is also known if it equals a mesh of the result.
-        """
+        """Return the name of an object, or of an equal mesh, in the project; None if it is new."""
         for name, known in self.objects.items():
             if known is value:
                 return name

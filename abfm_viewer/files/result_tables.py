@@ -18,10 +18,7 @@ _NUMBERS = ("residual", "folded", "log2_area", "correlation")  # names of facts 
 
 
 def place_of(path: Path) -> Path | None:
-    """Return the folder of results to which a file belongs; None if it belongs to none.
-
-    A folder, and the result file of a population, are returned themselves.
-    """
+    """Return the folder, or population file, with the results to which a path belongs, or None."""
     if path.is_dir() or path.name == POPULATION:
         return path
     if path.name == "rows.json" and path.parent.name == _LEDGER:
@@ -72,10 +69,7 @@ class TableReader:
 
 
 def _texts(entry: abfm.batch.LedgerEntry) -> tuple[tuple[str, str], ...]:
-    """Return texts of source and target of each channel, as written in the row of a batch.
-
-    They are empty for sequences.
-    """
+    """Return source and target of each channel as in the batch's row; empty for sequences."""
     from abfm.tasks.inputs import channels
 
     try:
