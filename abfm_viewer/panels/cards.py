@@ -74,10 +74,7 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
 
 
 def _opening(session: Session) -> _Work | None:
-    """Return the operation in progress: opening a file, or computing a mesh's first functions.
-
-    The result is None if there is no such operation.
-    """
+    """Return the progress of opening a file, or of computing a mesh's first functions, or None."""
     load = session.loading.now
     if load is not None and load.elapsed > _CARD_DELAY_SECONDS:
         text = f"{load.what}: {load.elapsed:.0f} s"

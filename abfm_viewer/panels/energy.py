@@ -126,7 +126,7 @@ def _draw_tooltip(ui: Ui, run: RunRecord) -> None:
 
 
 def stage_text(run: RunRecord, at: int) -> str:
-    """Return the stage of an iteration as text: ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
+    """Return mesh, reach (distance over which functions are compared) and stage of an iteration."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_mesh_sizes:
         reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []

@@ -141,10 +141,7 @@ def draw_settings(context: Context) -> None:
 
 
 def _chosen(document: SequenceDocument) -> str:
-    """Return a text with the settings that the solver chose, such as ``chosen: α 0.3``.
-
-    The text is empty if there is no result, or if the user set all of them.
-    """
+    """Return the settings that the solver chose, such as ``chosen: α 0.3``; empty for none."""
     result, settings = document.result, document.settings
     if result is None:
         return ""

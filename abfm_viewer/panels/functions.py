@@ -129,10 +129,7 @@ def _draw_circular(ui: Ui, session: Session) -> None:
 
 
 def _draw_expected(ui: Ui, session: Session) -> None:
-    """Draw the reason why no flow can match the functions, if there is one, and advice.
-
-    This is at the end of the tab, so that other widgets do not move.
-    """
+    """Draw the reason why no flow can match the functions, and advice, at the end of the tab."""
     if (facts := session.work.expected_facts) is None:
         return
     ui.note(sentence(facts.reason), facts.tone)
@@ -242,10 +239,7 @@ class _Side:
         ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
-        """Set the spec of the function; show an error below the widget with the given label.
-
-        All changes during a drag are one undo step.
-        """
+        """Set the spec, in one undo step per drag; show an error below the widget ``label``."""
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
@@ -276,10 +270,7 @@ class _Side:
         ui.refusal(_ADD)
 
     def _draw_family(self, width: float) -> None:
-        """Draw the drop-down list of function families.
-
-        A newly selected family starts with a function that is valid on this mesh.
-        """
+        """Draw the list of families; a new one begins with a function that is valid on the mesh."""
         known = {cls.family: cls for cls in functions.families()}
         if isinstance(self._inner, functions.Family):
             now = self._inner.family
@@ -346,10 +337,7 @@ class _Side:
         self._context.dialogs.open(title, file.kind.suffixes, take)
 
     def _vertex(self) -> int:
-        """Return the vertex of the first Gaussian, or else the vertex of the largest value.
-
-        Vertices are numbered as in the mesh file.
-        """
+        """Return the vertex, as in the mesh file, of the first Gaussian or of the largest value."""
         for gaussian in gaussians.gaussians(self._spec):
             try:
                 return gaussians.centre(gaussian, self._mesh)
@@ -366,10 +354,7 @@ def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
 
 
 def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
-    """Draw widgets for the shape and the parameters of a function.
-
-    Parameters without a slider come first, two per line, and then those with a slider.
-    """
+    """Draw the widgets for the shape and the parameters of a function, those with sliders last."""
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
         now = function.shape()

@@ -123,10 +123,7 @@ def draw_notes(context: Context) -> None:
 
 
 def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:
-    """Let the user choose the missing files of an initial map one by one, and then apply the map.
-
-    ``files`` are the files chosen so far.
-    """
+    """Let the user choose the files that are not yet in ``files``, and then apply the map."""
     missing = choice.titles[len(files) :]
     if not missing:
         context.session.editor.change(_STEP, initial=_joined(choice.word, False, files))

@@ -93,10 +93,7 @@ def _row_text(document: Document, landmark: Landmark, error: float | None) -> st
 
 
 def _errors(session: Session) -> dict[Landmark, float]:
-    """Return the landmark errors of the match, as fractions of sqrt(area).
-
-    The result is empty if there is no match, or if it is outdated or running.
-    """
+    """Return the landmark errors of a match that is up to date, as fractions of sqrt(area)."""
     result, pairs = session.result, session.document.pairs
     if result is None or session.outdated or session.solver.running:
         return {}

@@ -69,10 +69,7 @@ def draw_links(context: Context) -> None:
 
 
 def _draw_labels(context: Context, opens: bool) -> None:
-    """Draw the loaded labels, and a button that opens a file of labels.
-
-    If ``opens`` is true and no labels are loaded, the dialog opens immediately.
-    """
+    """Draw the labels, and a button that opens a file; ``opens`` presses it if there are none."""
     ui, labels = context.ui, context.session.document.labels
     tip = "Open labels of the source's surface: .label.gii, .annot, .dlabel.nii, or integers."
     if ui.button(_LABELS, tip) or (opens and labels is None):

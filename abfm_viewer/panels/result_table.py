@@ -58,11 +58,7 @@ _HEIGHT_MIN = 130
 
 
 def height(available: float, scale: float) -> float:
-    """Return the height of the table in pixels.
-
-    ``available`` is the height of the surfaces and the table together, ``scale`` the scale of the
-    window.
-    """
+    """Return the height of the table, which shares ``available`` pixels with the surfaces."""
     share = _HEIGHT_SHARE * available
     return max(min(_HEIGHT * scale, share), min(_HEIGHT_MIN * scale, available / 2))
 
@@ -177,10 +173,7 @@ def _width(ui: Ui, column: Name) -> float:
 
 
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
-    """Return the position of the lower end of each row, (n,), in pixels below the headings.
-
-    ``width`` is the width of the column of reasons, in which they wrap, or 0 if it is hidden.
-    """
+    """Return the lower ends of rows in pixels, (n,); reasons wrap at ``width``, 0 if hidden."""
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:
@@ -271,7 +264,6 @@ def _scroll(tables: Tables, placed: Rows, visible: float) -> None:
 def _draw_row(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: tuple[ResultRow, float]
 ) -> None:
-    """Draw a row; ``placed`` is the row and its height in pixels."""
     row, high = placed
     is_chosen, padding = row.key == tables.cursor, _row_height() - imgui.GetTextLineHeight()
     flags = imgui.ImGuiSelectableFlags_SpanAllColumns

@@ -148,10 +148,7 @@ def _draw_progress(ui: Ui, session: Session) -> None:
 
 
 def draw_step(ui: Ui, step: Step) -> None:
-    """Draw the progress bar and the text of a step of work.
-
-    The bar is animated if the progress is unknown.
-    """
+    """Draw the text and the progress bar of a step, animated if the progress is unknown."""
     share = step.share()
     animated = -0.5 * (time.monotonic() - step.began)
     imgui.ProgressBar(animated if share is None else share, (-1, ui.px(_BAR_HEIGHT)), "")

@@ -34,10 +34,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return alternative texts about mesh, size and frame rate, the longest one first.
-
-    The status line shows the first text that fits. ``room`` is its width in pixels.
-    """
+    """Return texts about mesh, size and frame rate, from the longest to the shortest."""
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"
@@ -45,10 +42,7 @@ def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
 
 
 def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
-    """Return the longest text that fits into ``room`` pixels, with the longest details.
-
-    Both are given from longest to shortest. Details are shortened before the text.
-    """
+    """Return the longest text that fits into ``room`` pixels, with the longest details."""
     for text, more in product(texts, details):
         if ui.text_width(text) + ui.text_width(more) + ui.px(_DETAILS_GAP) * (more != "") <= room:
             return text, more

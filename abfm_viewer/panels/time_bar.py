@@ -22,18 +22,12 @@ _TICK_DISTANCE_MIN = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
-    """Return the widths of the bar's parts: buttons, "repeat", "beyond τ" and "speed".
-
-    ``width`` is the width of the bar. All widths are in pixels at a scale of 1.
-    """
+    """Return the widths of buttons, "repeat", "beyond τ" and "speed" in a bar, at a scale of 1."""
     return 180, 153 if width >= _CAPTION_WIDTH_MIN else 70, 106, 136
 
 
 def rows(width: float) -> list[int]:
-    """Return the number of the row in which each part of the bar is drawn.
-
-    ``width`` is the width of the bar, in pixels at a scale of 1. Parts are those of `groups`.
-    """
+    """Return the row number of each part of `groups`, in a bar of ``width`` pixels at scale 1."""
     found, used = [0], 0.0
     for needed in groups(width):
         fits = used + needed <= width - PADDING
@@ -100,11 +94,7 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """Draw the time slider.
-
-    For a match, it ranges from 0 to 2 tau with a tick at tau. For a sequence, it has a tick at each
-    frame.
-    """
+    """Draw the time slider, with a tick at tau or, for a sequence, at each frame."""
     ui, session = context.ui, context.session
     document = session.document
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
@@ -140,10 +130,7 @@ def _slider(context: Context) -> None:
 
 
 def _ticks(ui: Ui, times: tuple[float, ...], ends: Range, rect: Rect) -> None:
-    """Draw the background of the time slider, with a tick at each frame.
-
-    If there are many frames, only every n-th one has a tick.
-    """
+    """Draw the background of the time slider, with a tick at every frame or every n-th frame."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
     packed = imgui.GetColorU32

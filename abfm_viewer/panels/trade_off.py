@@ -166,10 +166,7 @@ def _clicks(
 
 
 def area_ticks(widest: float) -> list[float]:
-    """Return ticks for the axis of area changes, as base-2 logarithms of round factors.
-
-    The axis ranges from 0 to ``widest``.
-    """
+    """Return ticks from 0 to ``widest``: the base-2 logarithms of round factors."""
     ticks = [0.0]
     for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
         place = float(np.log2(times))
@@ -179,10 +176,7 @@ def area_ticks(widest: float) -> list[float]:
 
 
 def _step_text(path: Steps, number: int, chosen: int | None) -> str:
-    """Return a text with the parameters, residuals and distortion of a step.
-
-    ``chosen`` is the index of the step that the solver chose. Unknown values are omitted.
-    """
+    """Return parameters, residuals and distortion of a step as text, if they are known."""
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:
@@ -203,5 +197,5 @@ def _step_text(path: Steps, number: int, chosen: int | None) -> str:
     if step.folded == step.folded:
         lines.append(f"{100 * step.folded:.2g}% of the faces folded")
     if step.score == step.score:
-        lines.append(f"held-out score {step.score:.4f}; the solver chooses the smallest")
+        lines.append(f"held-out residual + 0.25 |log2 J|: {step.score:.4f}; the smallest is chosen")
     return "\n".join(lines)

@@ -23,7 +23,7 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 _SAMPLES_MAX = {4: 40e6, 3: 80e6, 2: 140e6}
 _SIDE_SAMPLES_MAX = 16384  # along a side of a picture, a limit of graphics cards
 _START_SIZE = 64
-_DISC_SAMPLES = 4  # along a side of a pixel of a disc
+_DISC_SAMPLES = 4  # samples along a side of a pixel of a disc
 # constants of polyscope's tone mapping
 _GAMMA = 2.2
 _WHITE = 0.75
@@ -32,10 +32,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels within the block.
-
-    Raises `DrawingError` if OpenGL cannot draw this size.
-    """
+    """Make polyscope draw pictures of this size; raise `DrawingError` if OpenGL cannot."""
     opengl.start(opengl.OFFSCREEN_BACKEND, _START_SIZE, _START_SIZE)
     opengl.clear()
     limits = _SAMPLES_MAX.items()
@@ -91,7 +88,7 @@ def _without_black(colors: Pixels, alpha: Pixels) -> Pixels:
     share = alpha / 255
     light = (np.maximum(colors, 1) / 255) ** _GAMMA
     mapped = light @ _LUMINANCE[:, None]
-    # the inverse of the extended Reinhard curve that `_mapped` is
+    # the inverse of `_mapped`, the extended Reinhard curve
     b = 1 - mapped
     luminance = _WHITE**2 / 2 * (np.sqrt(b**2 + 4 * mapped / _WHITE**2) - b)
     unmixed = luminance / share

@@ -94,10 +94,7 @@ def _write_mp4(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
 
 
 def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) -> None:
-    """Write a GIF with one palette.
-
-    All frames are stored without loss in a temporary file, from which the palette is computed.
-    """
+    """Write a GIF with one palette, computed from a temporary lossless file of all frames."""
     ticks, ticks_before = (
         math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1)
     )
@@ -146,10 +143,7 @@ def _palette(movie: Path) -> av.VideoFrame:
 
 
 def _in_palette(movie: Path, palette: av.VideoFrame) -> Iterator[av.VideoFrame]:
-    """Yield the frames of a movie in the nearest colours of a palette.
-
-    There is no dithering, because dithered frames would flicker.
-    """
+    """Yield frames in the nearest colours of a palette; dithered frames would flicker."""
     with av.open(str(movie)) as file:
         graph = Graph()
         source = graph.add_buffer(template=file.streams.video[0])

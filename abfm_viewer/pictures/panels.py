@@ -50,10 +50,9 @@ Advection overshoots by a few percent even if it is correct, which is not visibl
 def cameras(
     sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
 ) -> dict[TriangleMesh, Camera]:
-    """Return a camera for each mesh, from a direction that shows its source and target well.
+    """Return a camera for each mesh, which shows its source and target well.
 
-    The aspect (width over height) of a camera is that of the mesh, limited to the minimum and
-    maximum ``aspects``.
+    Its aspect (width over height) is that of the mesh, within the limits ``aspects``.
     """
     fronts: dict[TriangleMesh, Front] = {}
     for panel in _panels(sheet):
@@ -97,10 +96,7 @@ def panel_pictures(
 
 
 def _fast_speeds(sheet: Sheet) -> dict[TriangleMesh, float]:
-    """Return a speed for each mesh that scales the arrows of all its panels in the same way.
-
-    Faster faces have 40% of the squared norm of the field.
-    """
+    """Return the speed of the longest arrows on each mesh, the same for all its panels."""
     found = defaultdict[TriangleMesh, float](float)
     for panel in _panels(sheet):
         if panel.arrows is not None:

@@ -168,10 +168,7 @@ def match_picture(
 
 
 def _verdict(match: Match) -> str:
-    """Return a text such as ``residual 4.3%``.
-
-    The text is the outcome instead if the match is not good, or if it matches only landmarks.
-    """
+    """Return ``residual 4.3%``, or the outcome if it is not good or only landmarks were matched."""
     facts = match.facts
     if not facts.outcome.is_good or match.problem.is_of_landmarks:
         return str(facts.outcome)
@@ -218,10 +215,7 @@ def _one_row(sheet: Sheet, size: tuple[int, int] | None) -> Image.Image:
 
 
 def figure_picture(sheet: Sheet, notes: Sequence[str] = ()) -> Image.Image:
-    """Return the picture of a figure with notes below it.
-
-    Raises `DrawingError` if the machine cannot draw.
-    """
+    """Return the picture of a figure with notes below it; raise `DrawingError` if it fails."""
     views = cameras(sheet, _ASPECTS)
     plot_aspect = max(next(iter(views.values())).aspect if views else 1.0, 0.7)
 
@@ -303,10 +297,7 @@ def sheet_picture(
 
 
 def wrapped(texts: Sequence[str], width: float, width_of: Callable[[str], float]) -> list[str]:
-    """Break texts into lines of at most a width in pixels; long words are not broken.
-
-    ``width_of`` returns the width of a text in pixels.
-    """
+    """Break texts into lines of a width in pixels, as measured by ``width_of``; keep long words."""
     lines = []
     for text in texts:
         line, *words = text.split() or [""]

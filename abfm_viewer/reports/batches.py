@@ -13,7 +13,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.parameters import FIELDS, option
 from abfm_viewer.reports.pages import abbreviated, render
 
-ROWS_SHOWN_MAX = 1000  # most rows on a page, which has about 6 MB with their pictures
+ROWS_SHOWN_MAX = 1000  # rows on a page; with their pictures it has about 6 MB
 _NUMBERS = ("residual", "verified_residual", "folded", "log2_area")
 _HEADS = ("", "residual", "along flow lines", "folded", "|log2\u00a0J|", "seconds")
 _SETTINGS = {*map(option, FIELDS), "start", "initial", "max-distortion"}
@@ -111,8 +111,7 @@ class Best(NamedTuple):
 def best_of(rows: Sequence[SummaryRow]) -> Best | None:
     """Return the best rows of a batch that solves one problem with several settings.
 
-    The result is None for batches of several problems, with fewer than two results, or without maps
-    that change areas.
+    The result is None for several problems, fewer than two results, or unknown area changes.
     """
     if not rows or any(_problem(row) != _problem(rows[0]) for row in rows):
         return None

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures
     from abfm_viewer.pictures.registration_pictures import RegistrationPictures
 
-COVERAGE_MIN = 0.98  # A report warns of a map that covers a smaller share of A
+COVERAGE_MIN = 0.98  # share of surface A; a report warns of maps that cover less
 RETURN_EDGES_MAX = 0.1
 """A report warns if 5% of the vertices have a larger round-trip error, in edge lengths."""
 TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason on the page of a batch
@@ -91,7 +91,7 @@ def _environment() -> Environment:
 
 
 def abbreviated(text: str) -> str:
-    """Return a text in one line of at most `NAME_LENGTH_MAX` letters."""
+    """Return a text in one line of at most `TEXT_LENGTH_MAX` letters."""
     return one_line(text, TEXT_LENGTH_MAX)
 
 
