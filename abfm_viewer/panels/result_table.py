@@ -173,7 +173,10 @@ def _width(ui: Ui, column: Name) -> float:
 
 
 def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
-    """Return the lower ends of rows in pixels, (n,); reasons wrap at ``width``, 0 if hidden."""
+    """Return the position of the lower end of each row, (n,), in pixels.
+
+    The reasons in the rows wrap at ``width`` pixels, or are hidden if it is 0.
+    """
     line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
 
     def make() -> FloatArray:

@@ -173,11 +173,7 @@ def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> 
 
 
 def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Return the numbers next to a colour bar, chosen so that they do not overlap.
-
-    With ticks these are round numbers. Otherwise they are both ends, and the middle if there is
-    space.
-    """
+    """Return the numbers next to a colour bar: round ones at ticks, or without ticks its ends."""
     low, high = colors.low, colors.high
     if pen.tick:
         values = ticks(low, high)
@@ -243,11 +239,7 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend of critical points and missing values below the surfaces.
-
-    ``begin`` is the left end of the free space, in pixels. The list is empty if the legend does not
-    fit.
-    """
+    """Lay out the legend at the right; the list is empty if it would begin left of ``begin``."""
     found: list[Part] = []
     radius, right = _DOT_RADIUS * pen.scale, rect[2] - _MARGIN * pen.scale
     top = rect[3] - (bars_height(pen, rect[3] - rect[1]) + pen.line) / 2
@@ -261,10 +253,7 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Pa
 
 
 def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
-    """Lay out landmarks as numbered discs, and the points that they should reach as rings.
-
-    A disc and its ring have the same colour.
-    """
+    """Lay out landmarks as numbered discs, and the places that they should reach as rings."""
     found: list[Part] = []
     radius, line = LANDMARK_RADIUS * pen.scale, 1.5 * pen.scale
     for landmark in sorted(landmarks, key=lambda each: not each.is_goal):  # rings below discs

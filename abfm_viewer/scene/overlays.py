@@ -46,7 +46,7 @@ _HEAD_LENGTH_SHARE_MAX = 0.55  # of the longest smooth section of a line
 _HEAD_NODES = 4
 _TURN_COSINE_MIN = 0.7  # a strip ends at sharper turns
 _DISC_CORNERS = 12
-_OFF_NORMAL = (0.1, 0.2, 0.3)  # makes a vector differ from the normal
+_OFF_NORMAL = (0.1, 0.2, 0.3)  # added to a normal, changes its direction
 # The following lengths are in sqrt(area).
 _HEAD_DISTANCE = 0.16  # between heads of a line
 _NODE_DISTANCE = 0.008  # between nodes of a ribbon
@@ -148,10 +148,9 @@ def _smooth_sections(path: SurfacePath) -> FloatArray:
 
 
 def _fitting_start(ends: FloatArray, start: float, length: float) -> float:
-    """Return the distance nearest to ``start`` at which a part without a sharp turn can begin.
+    """Return the distance nearest to ``start`` where an arrowhead of a length avoids sharp turns.
 
-    The part has the given length. ``ends`` are the distances of the path's start, sharp turns and
-    end from its start.
+    ``ends`` are the distances of the start of the path, its sharp turns and its end.
     """
     first, last = ends[:-1], ends[1:] - length
     fits = last >= first - 1e-12
@@ -232,10 +231,7 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
 
 
 def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
-    """Show only the arrows that are completely visible from a point of view.
-
-    ``hidden`` is a mask of the arrows that the surface covers, or None if it is not yet computed.
-    """
+    """Show the arrows that are completely visible; ``hidden`` masks those that are covered."""
     vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
     ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 
@@ -261,7 +257,7 @@ def draw_points(
 
 
 class Overlays:
-    """All structures drawn over the surfaces; they are redrawn when their inputs change.
+    """Structures drawn over the surfaces, again when their inputs change.
 
     ``on_redraw`` is called with the name of each redrawn structure.
     """
@@ -291,10 +287,7 @@ class Overlays:
             self._draw_of_flow(mesh, of_flow, "source" in meshes)
 
     def update_arrows(self, axes: FloatArray) -> None:
-        """Show the arrows that are completely visible.
-
-        The rows of ``axes`` (3, 3) point right, up, and towards the viewer.
-        """
+        """Show the visible arrows; the rows of ``axes`` point right, up, towards the viewer."""
         quantities, view = self._shown.quantities, self._shown.session.view
         eye = self._eye.get((axes.tobytes(),), lambda: Eye(axes))
         field = self._field
@@ -314,10 +307,10 @@ class Overlays:
             show_visible_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Draw level sets of the function that a surface shows, at evenly spaced levels.
+        """Draw level sets at evenly spaced values.
 
-        No level is at an end of the colour range, or in its middle if their number is even.
-        Functions are often constant there.
+        None is at an end of the colour range, or in its middle if their number is even, where
+        functions are often constant.
         """
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None
@@ -389,10 +382,7 @@ class Overlays:
             self._remove(name)
 
     def _is_new(self, surface: str, name: str, inputs: tuple[object, ...] | None) -> bool:
-        """Return whether a structure has to be drawn because its inputs changed.
-
-        An outdated structure is removed. If ``inputs`` is None, it is not drawn again.
-        """
+        """Return whether a structure with these inputs must be drawn; remove an outdated one."""
         if name in self._drawn and same(self._drawn[name][1], inputs):
             return False
         self._remove(name)

@@ -1,9 +1,4 @@
-"""Choice of the window's frames that redraw the surfaces, and of the samples per pixel.
-
-If redrawing the surfaces is slow, only some frames redraw the pictures of a running match and
-moving streaks, so that the window responds. While nothing moves, the surfaces are drawn with
-several samples per pixel (antialiasing).
-"""
+"""Choice of the frames of the window that redraw the surfaces, and of the samples per pixel."""
 
 import time as clock
 
@@ -21,7 +16,10 @@ _SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
 
 
 class Pacing:
-    """Choice of the surfaces that a frame of the window redraws if redrawing them is slow."""
+    """Choice of the surfaces that a frame of the window redraws if redrawing them is slow.
+
+    Only some frames redraw pictures of a run or moving streaks, so that the window responds.
+    """
 
     def __init__(self, session: Session) -> None:
         self.redraw_seconds = 0.0  # duration of a recent redraw of the surfaces
@@ -37,20 +35,13 @@ class Pacing:
 
     @property
     def is_beginning(self) -> bool:
-        """Whether redrawing is slow and a run is showing its first pictures.
-
-        Arrows, flow lines and paths are then not drawn.
-        """
+        """Whether redrawing is slow and a run shows its first pictures, without arrows or lines."""
         session = self._session
         is_early = session.solver.started != self._run or self._pictures_of_run <= _FIRST_COUNT
         return session.matching.running and is_early and not self.draws_quickly
 
     def waits(self, name: str, is_first: bool) -> bool:
-        """Return whether a surface keeps its earlier picture in this frame.
-
-        Call this once per frame for each shown surface, in order. ``is_first`` is true for the
-        first one.
-        """
+        """Return whether a surface keeps its picture; call this once per surface and frame."""
         session, solver, seconds = self._session, self._session.solver, self.redraw_seconds
         if self.draws_quickly:
             return False
@@ -68,11 +59,7 @@ class Pacing:
         return self._frames_behind != 0 and not session.dragging
 
     def count(self, is_new: bool, is_texture: bool) -> None:
-        """Record that the advected surface was drawn.
-
-        ``is_new`` is true if its colours changed, ``is_texture`` if it shows a texture, such as
-        streaks.
-        """
+        """Record that the advected surface was drawn, and whether colours or streaks are new."""
         if is_new and is_texture:
             self._textured_at = clock.perf_counter()
         started = self._session.solver.started
@@ -90,11 +77,7 @@ class Supersampling:
         self._moved_at = clock.perf_counter()
 
     def update(self, moves: bool, seconds: float) -> None:
-        """Choose the number of antialiasing samples of the next frame.
-
-        ``moves`` is true if the next frame differs from this one. ``seconds`` is the time to draw
-        the window with one sample per pixel.
-        """
+        """Choose `samples`; drawing the window with one sample per pixel takes ``seconds``."""
         if not self._is_real:
             return
         now, samples = clock.perf_counter(), self.samples

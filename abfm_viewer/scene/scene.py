@@ -48,9 +48,8 @@ class Hit:
 class Scene:
     """The surfaces of a session, each drawn in its slot, a rectangle of the window.
 
-    `names` are the names of all surfaces, `shown` those of surfaces with a slot. If ``turns`` is
-    true, the surfaces are drawn so small that they can turn about their upright axes within their
-    slots.
+    `names` are the names of all surfaces, `shown` those with a slot. With ``turns``, surfaces are
+    so small that they can turn about their upright axes within their slots.
     """
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
@@ -78,10 +77,7 @@ class Scene:
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
-        """Update all structures of polyscope for the next frame.
-
-        The surfaces are drawn within ``rect``, a rectangle of the window.
-        """
+        """Update all structures of polyscope for the next frame, with surfaces within ``rect``."""
         session, view = self._session, self._session.view
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
@@ -107,10 +103,7 @@ class Scene:
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:
-        """Return the mesh on which a surface is drawn.
-
-        This is the surface's own mesh, or a finer mesh if the shown values are on a finer one.
-        """
+        """Return the mesh on which a surface is drawn: its own, or a finer one of its values."""
         paint = self.painter.paint(name)
         return (paint and paint.mesh) or self._session.surface(name).mesh
 
@@ -152,10 +145,7 @@ class Scene:
         return Viewpoint(front) if (front := self._front("advected")) else None
 
     def turn(self, degrees: float) -> None:
-        """Turn all surfaces about their upright axes.
-
-        The transforms that locate clicks ignore this turn, so picking a point is wrong afterwards.
-        """
+        """Turn all surfaces about their upright axes; clicks are then located wrongly."""
         self._degrees = degrees
         self._place()
 
@@ -188,11 +178,7 @@ class Scene:
         return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
     def links(self) -> list[Link]:
-        """Return lines from points of surface A to their images on surface B at the shown time.
-
-        A line is omitted if an end is outside its slot, or if its end on B faces away from the
-        viewer.
-        """
+        """Return the visible lines from points of A to their images on B at the shown time."""
         session, ends = self._session, ("source", "advected")
         if not session.view.links or self._has_one_surface:
             return []
@@ -218,11 +204,7 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the entries of the legend.
-
-        These are the kinds of critical points with drawn tracks, and `NO_VALUE` if a function has
-        missing values.
-        """
+        """Return the kinds of critical points with tracks, and `NO_VALUE` if values are missing."""
         kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
@@ -423,10 +405,7 @@ class Links:
 
     @classmethod
     def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
-        """Return links between surface A and evenly spread vertices of surface B.
-
-        ``origins`` (V_B, 3) are the points of A that the map moves to the vertices of B.
-        """
+        """Return links from points of A, ``origins`` (V_B, 3), to evenly spread vertices of B."""
         chosen = np.unique(b.faces[evenly_spread(b)][:, 0])
         colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # sRGB
         return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)

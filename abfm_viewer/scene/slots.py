@@ -78,10 +78,7 @@ def slots(
 
 
 def fitting(half: tuple[float, float], shape: tuple[float, float]) -> float:
-    """Return the scale at which a shape (width, height) fits a slot.
-
-    ``half`` is half the width and half the height of the slot.
-    """
+    """Return the scale at which a shape (width, height) fits a slot of half the sizes ``half``."""
     return min(2 * space / max(length, 1e-12) for space, length in zip(half, shape, strict=True))
 
 
@@ -121,10 +118,7 @@ class SlotView:
     above: float  # extent of the surface upwards from the centre in this view
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
-        """Return window positions and depths, together (P, 3), of points (P, 3).
-
-        A point closer to the viewer has a smaller depth.
-        """
+        """Return window positions and depths (smaller: nearer), (P, 3), of points (P, 3)."""
         x, y, z = ((np.atleast_2d(points) - self.target) @ self.rotation.T).T
         middle = self.slots[name].middle
         return np.stack([middle[0] + self.scale * x, middle[1] - self.scale * y, -z], axis=1)
@@ -187,10 +181,7 @@ class SlotView:
         return min(self.slots, key=distance)
 
     def turned(self, name: str, start: Place, end: Place) -> Self:
-        """Return the view after a drag of the mouse from ``start`` to ``end`` that turns a surface.
-
-        The drag turns a virtual ball around the surface.
-        """
+        """Return the view after a drag that turns a virtual ball around a surface."""
         one, other = (self._on_ball(name, place) for place in (start, end))
         axis = np.cross(one, other)
         sine = float(np.linalg.norm(axis))
@@ -200,11 +191,7 @@ class SlotView:
         return replace(self, rotation=_orthonormal(turn @ self.rotation))
 
     def orbited(self, delta: Place) -> Self:
-        """Return the view after a drag by ``delta`` pixels.
-
-        A horizontal drag turns the surfaces about their upright axis, and a vertical one tilts
-        them.
-        """
+        """Return the view after a drag: horizontal motion turns it, vertical motion tilts it."""
         radian = _BALL * self.radius * self.scale / self.zoom
         _, up, towards = self.rotation @ self.upright
         before = math.atan2(towards, up)
@@ -223,10 +210,7 @@ class SlotView:
         return replace(self, target=self.centre + away * share)
 
     def zoomed(self, name: str, place: Place, factor: float) -> Self:
-        """Return the view zoomed by a factor about a place.
-
-        Zooming out also moves the surfaces back towards the middle of their slots.
-        """
+        """Return the view zoomed about a place; zooming out also moves surfaces to the middle."""
         zoom = min(max(self.zoom * factor, ZOOM_MIN), ZOOM_MAX)
         if zoom < self.zoom:
             share = max(0.0, 1 - 1 / zoom) / (1 - 1 / self.zoom) if self.zoom > 1 else 1.0
@@ -290,11 +274,7 @@ class Fit:
         self._last: tuple[Front, FloatArray, tuple[float, float], float] | None = None
 
     def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
-        """Return the view of the surface from a front.
-
-        ``target`` (3,) is the point in the middle of the slots, by default the centre of the
-        surface.
-        """
+        """Return the view of the surface from a front, with ``target`` (3,) in the middle."""
         if self._last is None or self._last[0] != front:  # most frames have the same front
             axes = front.axes
             across, upwards = (self._around @ axes[:2].T).T

@@ -70,10 +70,9 @@ def back_faces(mesh: TriangleMesh) -> str:
 
 
 def edge_width(faces: int, scale: float) -> float:
-    """Return the width of wireframe edges on a mesh with a number of faces.
+    """Return the width of wireframe edges, less for short edges, which would hide the colours.
 
-    Edges are thinner if they are short on the screen, where they would hide the colours. ``scale``
-    is the number of pixels per sqrt(area).
+    ``scale`` is the number of pixels per sqrt(area).
     """
     length = scale * math.sqrt(4 / (math.sqrt(3) * faces))  # in pixels, of equal triangles
     return _EDGE_WIDTH * min(
@@ -118,10 +117,7 @@ def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
 
 
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
-    """Show a paint on a surface, as a quantity of polyscope named after the kind of paint.
-
-    ``square`` is the side of the squares of a checkerboard, in the coordinates that it shows.
-    """
+    """Show a paint as a quantity of polyscope; ``square`` is the side of checkerboard squares."""
     kind, values = paint.kind, _drawn_values(mesh, paint)
     options: dict[str, Any] = {"enabled": True}
     if kind == "colors":

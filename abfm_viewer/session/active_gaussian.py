@@ -48,10 +48,9 @@ def move(session: Session, side: Side, vertex: int, merge: str) -> None:
 
 
 def widen(session: Session, side: Side, notches: float, merge: str) -> None:
-    """Widen the active Gaussian of a side by notches of the mouse wheel; negative ones narrow it.
+    """Widen the active Gaussian by notches of the mouse wheel; negative ones narrow it.
 
-    Consecutive changes with the same key ``merge`` are one step of undo. If the side has no
-    Gaussian, a notice is shown.
+    Consecutive changes with the same key ``merge`` are one step of undo.
     """
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:

@@ -73,10 +73,7 @@ class Editor:
         return self.future[-1].label if self.future else ""
 
     def go_to(self, document: Document, label: str, merge: str = "") -> None:
-        """Replace the document, and record this as a step of undo described by ``label``.
-
-        Consecutive changes with the same nonempty key ``merge`` are one step.
-        """
+        """Replace the document, as a step of undo that ``label`` describes."""
         if not (merge and self.past and self.past[-1].merge == merge):
             changes_viewpoint = _viewpoint_differs(self.document, document)
             self.past.append(Step(self.document, label, merge, changes_viewpoint))
@@ -97,10 +94,7 @@ class Editor:
         self._move(self.future, self.past)
 
     def _step_limit(self) -> int:
-        """Return how many of the latest steps of undo to keep, within limits of count and memory.
-
-        The latest step is always kept.
-        """
+        """Return how many of the latest steps to keep within the limits, at least one."""
         counted, remaining_bytes = set(_large_parts(self.document)), UNDO_BYTES_MAX
         for count, step in enumerate(reversed(self.past)):
             parts = _large_parts(step.document)
@@ -123,11 +117,7 @@ class Editor:
             self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:
-        """Set fields of the document as a step of undo; do nothing if all values are the same.
-
-        ``label`` describes the change. Consecutive changes with the same key ``merge`` are one
-        step.
-        """
+        """Set fields of the document as a step of undo; do nothing if all values are the same."""
         before = self.document
         if any(getattr(before, name) != value for name, value in values.items()):
             self.go_to(replace(before, **values), label, merge)
@@ -137,12 +127,11 @@ class Editor:
         self.document = replace(self.document, **values)
 
     def set_spec(self, side: Side, spec: str, merge: str = "", bump: int | None = None) -> None:
-        """Change the function of the active channel's source or target, and make that side active.
+        """Change the spec of the active channel's source or target, and make that side active.
 
-        ``spec`` is the text that defines the function; an invalid one raises a `FunctionError`.
-        Whether it fits the mesh is checked later, when it is evaluated. Gaussian number ``bump``
-        becomes active. By default it is the same one as before, or the first one if the side
-        changes.
+        An invalid spec raises a `FunctionError`; whether it fits the mesh is checked when it is
+        evaluated. Gaussian number ``bump`` becomes active, by default the same as before, or the
+        first one of another side.
         """
         document = self.draft
         if document.active is None:
@@ -157,11 +146,7 @@ class Editor:
             self._put(f"change the {side}", changed, merge=merge, side=side, bump=bump)
 
     def set_weight(self, weight: float, merge: str = "") -> None:
-        """Set the weight of the active channel, which scales its mismatch in the match.
-
-        A `FunctionError` is raised if the weight is negative or not finite, or if no channel would
-        have a weight above 0.
-        """
+        """Set the weight of the active channel; a `FunctionError` states why it is refused."""
         if (active := self.document.active) is None:
             return
         if not (math.isfinite(weight) and weight >= 0):
@@ -171,10 +156,7 @@ class Editor:
         self._put("change a weight", replace(active, weight=float(weight)), merge=merge)
 
     def add_channel(self) -> None:
-        """Add a channel with Gaussians far from all others, and make it active.
-
-        The match then keeps the place of these Gaussians fixed.
-        """
+        """Add a channel of a fixed Gaussian, far from all others, and make it active."""
         self._insert("add a channel", self.draft.new_channel())
 
     def duplicate_channel(self) -> None:
@@ -182,10 +164,7 @@ class Editor:
             self._insert("duplicate a channel", self.document.active)
 
     def remove_channel(self) -> None:
-        """Remove the active channel, unless it is the only one.
-
-        If all other channels have weight 0, their weights become 1.
-        """
+        """Remove the active channel unless it is the only one; weights that are all 0 become 1."""
         if others := self._others:
             if not any(channel.weight for channel in others):
                 others = [replace(channel, weight=1.0) for channel in others]
@@ -193,11 +172,7 @@ class Editor:
             self.change("remove a channel", channels=tuple(others), channel=place)
 
     def set_circular(self, period: float | None) -> None:
-        """Treat the active channel as phases of a period, compared by cosine and sine.
-
-        The cosine and the sine become two channels. If ``period`` is None, they become one channel
-        again, which is compared by its values.
-        """
+        """Compare the active channel by cosine and sine of a period; None compares its values."""
         document = self.document
         if (active := document.active) is None:
             return
@@ -285,11 +260,7 @@ class Editor:
         self.set_view("choose what a click does", tool=tool)
 
     def place_landmark(self, side: Side, point: Point) -> None:
-        """Place a landmark's point on the surface of the source or target.
-
-        The point completes the first landmark without a point on this side. If all landmarks have
-        one, it starts a new landmark.
-        """
+        """Place a point of the first landmark without one on this side, or of a new landmark."""
         landmarks = [*self.document.landmarks]
         incomplete = (n for n, one in enumerate(landmarks) if one.point(side) is None)
         number = next(incomplete, len(landmarks))

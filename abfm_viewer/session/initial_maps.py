@@ -94,8 +94,7 @@ class InitialMaps:
     def prepared(self, document: PairDocument) -> PreparedMap | None:
         """Request the initial map and the problem of a document; return the latest computed ones.
 
-        While new ones are computed, the result may belong to earlier functions on the same
-        surfaces. It is None if nothing is computed yet.
+        Until new ones are computed, they may belong to earlier functions; None if there are none.
         """
         if not document.channels:
             return None
@@ -220,7 +219,7 @@ class InitialMaps:
 def _find_map(_: object, word: str | None, given: MapInput) -> Initial:
     """Compute an initial map by a method; "auto" compares all methods that apply.
 
-    This runs in a subprocess, because it takes seconds in which libraries block Python.
+    This runs in a subprocess, because libraries block Python for seconds.
     """
     from abfm.registration.initial.methods import initial_map
 

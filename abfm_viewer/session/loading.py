@@ -19,9 +19,7 @@ class Load:
     """Request to read a file, or to compute a document, in the background."""
 
     what: str  # such as "opening camel.off"
-    read: Callable[
-        [], Callable[[], None]
-    ]  # is called in the thread; returns a function that shows the result
+    read: Callable[[], Callable[[], None]]  # called in a thread; its result shows the file
     other: str = ""  # label of the action that opens another file, offered if reading fails
     source: object = None  # equal sources are the same request; None for a unique request
     takes_long: bool = False  # whether another request replaces this one only after a question
@@ -40,10 +38,8 @@ class Load:
 class Loading:
     """Executes the newest `Load` in a thread, and shows an error card if this fails.
 
-    `now` is the request in progress. Each requested file has its own reader. If a request is
-    cancelled, its reader finishes in the thread, and the result is dropped. If the same file is
-    requested again meanwhile, the running reader is used, so that a file is not read twice at a
-    time.
+    `now` is the request in progress. The reader of a cancelled request finishes in the thread, and
+    its result is dropped, unless the same file is requested again meanwhile.
     """
 
     def __init__(self, jobs: Jobs, notices: Notices) -> None:

@@ -101,10 +101,7 @@ class Notices:
         self.latest = Notice("")
 
     def update(self) -> None:
-        """Remove the current notice when its time is over; called before each drawing.
-
-        A notice of an error also disappears at the next change of the document by the user.
-        """
+        """Remove the current notice after some seconds; an error also after the next change."""
         at, count = self._shown
         has_acted = self.latest.is_error and count != self._action_count()
         seconds = _ERROR_SECONDS if self.latest.is_error else _NOTICE_SECONDS

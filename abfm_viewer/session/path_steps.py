@@ -13,8 +13,8 @@ from abfm_viewer.session.notices import Notices
 class PathSteps:
     """Shows earlier steps of the continuation, from large to small sigma, in place of the result.
 
-    Each shown step becomes a step of undo. If it was shown before, the match in the history is
-    shown again, so that its computed facts are not lost.
+    Each shown step is a step of undo. A step that was shown before is taken from the history, with
+    its computed facts.
     """
 
     def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:

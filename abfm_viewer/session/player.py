@@ -38,8 +38,7 @@ class Player:
     ) -> float:
         """Return the time to show ``seconds`` after ``time`` was shown.
 
-        At speed 1, time 0 to tau takes ``tau_seconds``. ``end`` is the end of the time bar, to
-        which the player plays if `beyond` is true; otherwise to tau.
+        The player plays to tau, which takes ``tau_seconds`` at speed 1, or to ``end`` if `beyond`.
         """
         if self.waiting:
             return time

@@ -36,11 +36,7 @@ class FoundTable(NamedTuple):
 
 
 def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
-    """Read a table of results, and open its worst row that can be shown.
-
-    ``kind`` is the quantity by which subjects of a population are compared. An invalid table raises
-    an `AbfmError`.
-    """
+    """Read a table of results, and open its worst row that can be shown."""
     reader = TableReader(place)
     table = reader.read()
     row = next(filter(table.can_show, table.shown("verdict", False, "")), None)
@@ -49,11 +45,7 @@ def find_table(place: Path, kind: ComparisonKind = "difference") -> FoundTable:
 
 
 def document_of_row(table: ResultTable, row: ResultRow, kind: ComparisonKind) -> Opened:
-    """Return a document that shows a row of a results table.
-
-    A subject of a population is shown by its values on the template, if there are any. Other rows
-    are shown by their result.
-    """
+    """Return a document of a row: of its values on the template, if any, or of its result."""
     if isinstance(table, PopulationTable) and table.has_values(row):
         return document_of_subject(table, row, kind)
     return document_of_result(row)
@@ -248,7 +240,7 @@ class Tables:
         document = self._session.document
         if isinstance(document, SubjectDocument):
             other = replace(document.comparison, kind=kind)
-            self._session.editor.change(f"compare with the {kind}", comparison=other)
+            self._session.editor.change("change the comparison", comparison=other)
 
     def update(self) -> None:
         """Update the table from its folder, and select the row of the shown document."""

@@ -1,7 +1,4 @@
-"""Documents of a sequence of frames on a mesh, and of a match between two of the frames.
-
-A frame is one image of a sequence: a function on the mesh at one time.
-"""
+"""Documents of a sequence of frames on a mesh, and of a match between two of the frames."""
 
 from __future__ import annotations
 
@@ -36,8 +33,7 @@ def read_frame_sequence(
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
     """Return a sequence of phases as cosine and sine, so that it can be matched across the period.
 
-    If ``period`` is None, return a sequence of cosine and sine as the phases from which it was
-    made.
+    If ``period`` is None, return the phases of such a sequence.
     """
     from abfm.sequences.frames import check_frames  # loads many modules
 
@@ -57,7 +53,7 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
 
 
 def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) -> SequenceDocument:
-    """Return a document of a sequence; by default the part with the most changes is in front."""
+    """Return a document of a sequence at its first frame; its front shows most of the changes."""
     without_front = replace(surface, front=None)
     return SequenceDocument((without_front,), sequence, time=float(sequence.times[0]), view=view)
 

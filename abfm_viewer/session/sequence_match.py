@@ -70,17 +70,11 @@ class SequenceMatch:
         self._run.start(work, end, resumes=True)
 
     def found_count(self, document: SequenceDocument) -> int:
-        is_of_run = (
-            self.running_document is not None
-            and self.running_document.sequence is document.sequence
-        )
-        return len(self._fields) if is_of_run else 0
+        run = self.running_document
+        return len(self._fields) if run is not None and run.sequence is document.sequence else 0
 
     def fast_speed(self, document: SequenceDocument) -> float:
-        """Return the largest `abfm.calculus.fast_speed` of the run's fields so far.
-
-        It never decreases during the run, and is 0 if the run has no field of the document.
-        """
+        """Return the largest `abfm.calculus.fast_speed` of the run's fields so far, or 0."""
         return self._fast_speed if self.found_count(document) else 0.0
 
     @property
@@ -107,10 +101,7 @@ class SequenceMatch:
         return self._of_result.get((result,), fields)[interval]
 
     def motion_share(self, document: SequenceDocument, interval: int) -> float:
-        """Return an interval's share in `abfm.Sequence.motion_shares`; 1 during a run.
-
-        It is the share of motion in interpolated frames, from 0 (a linear blend) to 1.
-        """
+        """Return the share of motion between two frames, from 0 (a linear blend) to 1."""
         result = document.result
         if result is None or self.found_count(document):
             return 1.0

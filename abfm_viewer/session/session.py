@@ -107,10 +107,7 @@ class Session(Parts):
         self.bound.stop()
 
     def undo(self) -> None:
-        """Undo the last change and stop playback; a run of the solver continues.
-
-        If this would close the document of the run, show an error instead.
-        """
+        """Undo the last change, unless this would close the document whose run is in progress."""
         self._step(self.editor.undo, self.editor.past)
 
     def redo(self) -> None:
@@ -195,10 +192,7 @@ class Session(Parts):
 
     @property
     def busy(self) -> str:
-        """Description of the background computation in progress, except a run; empty without one.
-
-        It includes the remaining or elapsed time, if known.
-        """
+        """Background computation in progress, except a run, with its time if known; or ""."""
         if self.loading.now:
             return progress_text("opening", self.loading.step)
         busy = self.work.busy or self.bound.busy
@@ -222,11 +216,7 @@ class Session(Parts):
         return self._run.snapshot
 
     def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
-        """Add a start point of a flow line ("lines") or a point that follows the flow ("points").
-
-        ``point`` is where the user clicked on the surface of ``slot``. A point on surface A is
-        placed at its image on B.
-        """
+        """Add a start of a flow line, or a point that follows the flow, at a click in a slot."""
         if (placed := self.work.on_flow(slot, point)) is not None:
             self.editor.add_point(kind, placed)
 

@@ -148,8 +148,8 @@ def _origin(path: Path) -> Origin | None:
 class SessionFiles:
     """Opens and saves the files of a session.
 
-    ``state`` is the folder that stores the list of recent files; None stores nothing.
-    ``open_question`` shows a question with buttons in the window.
+    ``state`` stores the list of recent files, unless it is None. ``open_question`` shows a question
+    with buttons.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class SessionFiles:
         self._load(Load(f"opening {path.name}", read, other, source))
 
     def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Action:
-        """Read a file according to its contents, and return a function that shows it.
+        """Read a file by its contents, and return a function that shows it.
 
         A mesh is shown by ``show_mesh``, by default as the only surface.
         """
@@ -227,10 +227,7 @@ class SessionFiles:
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open a sequence of frames on the current mesh (on A if there are two), in the background.
-
-        If the file has several arrays, ``array`` names the one to open; None lets the user choose.
-        """
+        """Open frames on the current mesh, or on A of two; ``array`` selects one of several."""
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)
@@ -261,10 +258,7 @@ class SessionFiles:
         self._open_question("Which array?", text, answers | {"Open none": None})
 
     def set_circular(self, document: SequenceDocument, period: float | None) -> None:
-        """Replace a sequence of phases by cosine and sine of a period, in the background.
-
-        If ``period`` is None, restore the phases. In both cases the result is removed.
-        """
+        """Replace phases by cosine and sine of a period, or restore them if it is None."""
         sequence = document.sequence
 
         def show(made: FrameSequence) -> None:
@@ -304,11 +298,7 @@ class SessionFiles:
             session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def open_dropped(self, paths: list[Path]) -> None:
-        """Open files that were dropped on the window.
-
-        Two meshes become surfaces A and B, and a mesh and frames become a sequence. Otherwise only
-        the first file is opened.
-        """
+        """Open dropped files: two meshes as A and B, a mesh and frames, or else the first file."""
         kinds = list(map(contents_of, paths)) if len(paths) == 2 else []
         if sorted(kinds) == [Contents.FRAMES, Contents.MESH]:
             mesh, frames = sorted(paths, key=lambda path: contents_of(path) is Contents.FRAMES)
@@ -334,10 +324,7 @@ class SessionFiles:
         self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
 
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
-        """Compute a table of results in the background by ``make(folder)``, and open it.
-
-        The same version of abfm uses the same folder later, so that ``make`` finds earlier results.
-        """
+        """Open the table that ``make(folder)`` computes, or finds from an earlier call."""
         from importlib.metadata import version  # slow to load
 
         root = self.state.path if self.state else Path(tempfile.mkdtemp())
@@ -352,19 +339,15 @@ class SessionFiles:
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
 
     def _load(self, load: Load) -> None:
-        """Start to read a file, after a question if a task is in progress.
-
-        If reading fails, the user is offered to try again.
-        """
+        """Start to read a file, after a question if a task is in progress; offer to try again."""
         remedies = {"Try again": partial(self._load, load)} | self._action(load.other)
         begin = partial(self._session.loading.begin, replace(load, remedies=remedies))
         self.when_free(load.what, begin)
 
     def when_free(self, what: str, do: Action) -> None:
-        """Perform an action that replaces the document, after a question if a task is in progress.
+        """Replace the document by an action, after a question if a run or a long load is active.
 
-        The task is a run of the solver or a long load. If the user does not agree to end it, the
-        action is dropped. ``what`` describes the action in the question.
+        ``what`` describes the action in the question.
         """
         now = self._session.loading.now
         if now is not None and now.takes_long:
@@ -400,10 +383,7 @@ class SessionFiles:
         self._open_question("Cancel the current task?", text, answers, instead)
 
     def _do_after_run(self, what: str, do: Action) -> None:
-        """Perform an action that replaces the document after a run.
-
-        If the document has unsaved changes, the user must first confirm this.
-        """
+        """Replace the document by an action, after a question if it has unsaved changes."""
         if not self._session.saves.unsaved:
             do()
             return
@@ -423,10 +403,7 @@ class SessionFiles:
     def save(
         self, path: Path, then: Action | None = None, document: Document | None = None
     ) -> None:
-        """Write a document as a project file in the background, by default the current document.
-
-        If this succeeds, ``then`` is called.
-        """
+        """Write a document, by default the current one, in the background; then call ``then``."""
         session, notices = self._session, self._session.notices
         document = document or session.document
         functions = session.functions.of_document(document)
@@ -477,11 +454,7 @@ class SessionFiles:
         self._writer.shutdown()
 
     def _read_mesh(self, path: Path, show_mesh: ShowMesh, **options: Any) -> Action:
-        """Read a mesh, compute the properties that drawing needs, and return a function to show it.
-
-        If the mesh has faults that can be repaired, the returned function offers the repairs
-        instead.
-        """
+        """Read a mesh; return a function that shows it, or offers repairs if it has faults."""
         try:
             mesh = load_mesh(path, **options)
         except MeshError as error:

@@ -27,7 +27,7 @@ from abfm_viewer.session.notices import RUN, Remedies
 from abfm_viewer.session.parts import Parts
 
 Start = Callable[[bool | None], None]  # starts a run, as `Session.match` does
-_STREAK_FACES_MAX = 50_000  # larger meshes get no streaks after a match, which take two seconds
+_STREAK_FACES_MAX = 50_000  # on larger meshes, where streaks take 2 s, a match is shown by arrows
 
 
 class MatchRun:
@@ -173,11 +173,7 @@ class Work(ABC):
         return ""
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
-        """Return the position, on the surface of the flow, of a point on the surface of a slot.
-
-        A slot is a picture in the window. The position differs only for points on surface A of two;
-        it is None while the map to B is unknown.
-        """
+        """Return the place on the flow's surface of a point in a slot; None while unknown."""
         return point
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
@@ -285,7 +281,9 @@ class MatchWork(Work):
             return "the functions are being computed"
         mask = known(document.mask_function)
         if mask is not None and (mask.min() < 0 or not mask.any()):
-            return "the mask is negative or zero everywhere; use values of 0 or more, some above 0"
+            return (
+                "the mask is below 0 somewhere or 0 everywhere; use values of 0 or more, not all 0"
+            )
         has_weight = any(channel.weight for channel in document.channels)
         no_weight = "all channels have weight 0; give one of them a weight above 0"
         return "" if has_weight or document.is_of_landmarks else no_weight

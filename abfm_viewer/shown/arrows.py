@@ -92,11 +92,9 @@ class Arrows:
     opacities: FloatArray  # (A,), from 0 to 1
 
     def facing(self, eye: Eye) -> FloatArray:
-        """Return how much each arrow faces the viewer, (A,), as a cosine.
+        """Return the smallest cosine between normal and line of sight of each arrow, (A,).
 
-        It is the smallest cosine, over the arrow's vertices, between normal and line of sight; a
-        negative one means that the arrow faces away. Surfaces with boundary are visible from both
-        sides.
+        It is negative if the arrow faces away. Surfaces with boundary are visible from both sides.
         """
         cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
         return np.asarray((cosines * self._sides(eye)).min(axis=1))
@@ -114,11 +112,7 @@ class Arrows:
         return hidden
 
     def seen(self, eye: Eye, hidden: BoolArray | None = None) -> FloatArray:
-        """Return the vertices to draw, (A M, 3).
-
-        Arrows that face away from the viewer, and arrows of the mask ``hidden`` (A,), shrink to
-        points and so are invisible.
-        """
+        """Return the vertices to draw, (A M, 3); invisible arrows shrink to points."""
         is_invisible = self.facing(eye) <= _VIEW_COSINE_MIN
         if hidden is not None:
             is_invisible |= hidden
@@ -131,10 +125,7 @@ class Arrows:
         return np.asarray(self.vertices + self._sides(eye)[..., None] * above)
 
     def _sides(self, eye: Eye) -> FloatArray:
-        """Return the visible side at each arrow, (A, 1): 1 for the front, -1 for the back.
-
-        Closed surfaces are seen only from the front.
-        """
+        """Return the visible side at each arrow, (A, 1): 1 for the front, -1 for the back."""
         if self.mesh.is_closed:
             return np.ones((len(self.spines), 1))
         cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
@@ -150,9 +141,9 @@ def arrows_of(
 ) -> Arrows:
     """Return the arrows of a field (F, 3) at evenly spaced positions, see `places`.
 
-    The length of an arrow is proportional to the speed, up to the style's fast speed; much slower
-    positions have no arrow. ``determined`` (F,), from 0 to 1, is how well the data determine the
-    field. It is the opacity of the arrows; positions where it is small have no arrow.
+    Lengths are proportional to speed, up to the style's fast speed. Opacities are ``determined``
+    (F,), from 0 to 1, how well the data determine the field. Where either is small, there is no
+    arrow.
     """
     speed = np.linalg.norm(velocity, axis=1)
     fast = style.fast or abfm.calculus.fast_speed(mesh, speed)
@@ -189,8 +180,7 @@ def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> abfm.m
 def _sights(points: abfm.maps.SurfacePoints, radius: float, eye: Eye) -> IntArray:
     """Return how visible the disc of a radius about each point (P,) is, as integers (P,).
 
-    If the point itself is visible, this is 1 plus the number of visible points on the circle around
-    it; otherwise 0.
+    This is 1 plus the number of visible points on its circle, or 0 if its centre is hidden.
     """
     mesh, count = points.mesh, len(points.faces)
     frames = abfm.calculus.face_frames(mesh)[points.faces]

@@ -56,8 +56,8 @@ class FlowState:
     def line_time(self) -> float:
         """Duration of flow lines in each direction, in the flow's unit of time; tau for a match.
 
-        The intervals of a sequence are too short for this. There, a flow line lasts until a point
-        at the root mean square speed has moved by half of sqrt(area).
+        In a sequence, it is the time in which a point at the root mean square speed moves by half
+        of sqrt(area), because intervals are too short.
         """
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau
@@ -72,27 +72,19 @@ class FlowState:
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
         """Return the start, at time 0, of the points that are at the vertices at ``times`` (T,).
 
-        The result (T, V, 3) consists of positions on surface A if two surfaces are registered.
-        ``places`` (V, 3) is used only for its shape.
+        The result (T, V, 3) is on surface A of two. ``places`` (V, 3) is used only for its shape.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Return the positions (T, V, 3) at ``times`` (T,) of points that start at the vertices.
-
-        ``places`` (V, 3) is used only for its shape.
-        """
+        """Return the positions (T, V, 3) at ``times`` (T,) of points that start at the vertices."""
         found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
         return np.array(found).reshape(len(times), *places.shape)
 
     def advect(self, function: FloatArray, times: FloatArray) -> FloatArray:
-        """Return a function (V,) or (V, C) advected along the flow to ``times`` (T,).
-
-        The result has shape (T, V) or (T, V, C). Values that overflow raise an
-        `abfm.AdvectionError`.
-        """
+        """Return a function (V,) or (V, C) advected to ``times``, (T, V) or (T, V, C)."""
         advected = self._advected(function, times)
         if np.abs(advected).max() > _VALUE_MAX:
             raise abfm.AdvectionError(

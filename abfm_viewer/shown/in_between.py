@@ -61,9 +61,8 @@ class InBetween:
     ) -> FloatArray:
         """Return the function (V,) at a share, from 0 to 1, of the interval between two frames.
 
-        It is interpolated along ``flow``. Without a flow, and while the interpolation is computed,
-        it is the linear blend of the frames. `is_behind` is true while the interpolation is
-        computed.
+        It is interpolated along ``flow``. Without a flow, and while the interpolation is computed
+        (`is_behind` is true), it is the linear blend of the frames.
         """
         self.is_behind = False
         if share in (0.0, 1.0):

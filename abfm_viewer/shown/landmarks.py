@@ -42,8 +42,7 @@ class LandmarkPoints:
     def hidden(self, axes: FloatArray) -> BoolArray:
         """Return a mask (P,) of the points that the surface hides in parallel projection.
 
-        On a closed surface these include points that face away from the viewer. The rows of
-        ``axes`` (3, 3) point right, up, and towards the viewer.
+        The rows of ``axes`` (3, 3) point right, up, and towards the viewer.
         """
         mesh, cosines = self.mesh, self.normals @ axes[2]
         cosines = cosines if mesh.is_closed else np.abs(cosines)
@@ -94,11 +93,9 @@ class ShownLandmarks(Jobs):
     def hidden(
         self, slot: str, side: Side | None, points: LandmarkPoints, axes: FloatArray
     ) -> BoolArray:
-        """Return a mask (P,) of the landmarks in a slot that the surface hides from the viewer.
+        """Return a mask (P,) of the landmarks in a slot (a picture) that the surface hides.
 
-        A slot is one of the pictures side by side. The rows of ``axes`` (3, 3) point right, up, and
-        towards the viewer. While the mask is computed for a new direction, that of the previous
-        direction is returned.
+        While it is computed for new ``axes`` of the view, that of earlier ones is returned.
         """
         same_axes = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
         subject = points.mesh, points.numbers

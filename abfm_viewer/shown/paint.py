@@ -112,9 +112,8 @@ class Painter:
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Return the paint of the source or target; None before its values are known.
 
-        If the view shows a pattern, such as a checkerboard, the source shows the pattern at time 0.
-        A function on surface A is shown in its own unit, even if functions are compared on B in
-        another unit.
+        The source shows the pattern of the view, if any, at time 0. A function on A is shown in its
+        own unit, even if functions are compared on B in another unit.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
@@ -247,8 +246,7 @@ class Painter:
     def _pattern(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
         """Return the paint of a pattern of the source's surface, such as a checkerboard or labels.
 
-        ``coordinates`` (V, 3) are the points of that surface whose colours the vertices show. The
-        result is None if labels are to be shown but are not known.
+        ``coordinates`` (V, 3) are the points of that surface whose colours the vertices show.
         """
         kind, theme = self._session.view.coloring, self._session.view.theme
         if kind == "labels":
@@ -267,10 +265,7 @@ class Painter:
         return self._memos[name].get((coordinates, kind, front, title, theme), make)
 
     def _labels(self, name: str, title: str) -> Paint | None:
-        """Return the paint of the labels of regions; None if they are unknown.
-
-        The flow moves the labels, except on source and target.
-        """
+        """Return the paint of labels, which the flow moves except on source and target; or None."""
         labels, is_moved = self._session.document.labels, name not in SIDES
         if labels is None:
             return None
@@ -298,8 +293,7 @@ class Painter:
     def _compared(self, colors: ColorRange) -> Paint | None:
         """Return the paint that compares a subject with the other subjects of its population.
 
-        The result is None for other documents, and if the subject has a match or a run, which is
-        shown instead.
+        The result is None for other documents, and if a match of the subject is shown.
         """
         session, document = self._session, self._session.document
         compared, active = document.active_comparison, document.active

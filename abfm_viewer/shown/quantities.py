@@ -85,11 +85,9 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
-    """Return the smoothest field (F, 3) that commutes with the shown one, and an error measure.
+    """Return the smoothest field (F, 3) that commutes with the shown one, number ``segment``.
 
-    The measure is the relative norm of their Lie bracket, 0 if the flows commute. ``segment`` is
-    the number of the shown field. During a run, on large meshes, and for a zero field, an
-    `AbfmError` is raised.
+    The second value is the relative norm of their Lie bracket, 0 if the flows commute.
     """
     if not flow.final:
         raise AbfmError("a commuting field is not computed during a run; wait until it has ended")
@@ -309,10 +307,7 @@ class FieldQuantities(Jobs):
     def texture(
         self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
     ) -> Texture | None:
-        """Return streaks coloured by a function (V,); grey where the mask ``unknown`` (V,) is true.
-
-        The result is None during a run, and before the streaks are computed.
-        """
+        """Return streaks coloured by a function (V,), grey where ``unknown``; None until known."""
         field, view = self.field(), self._session.view
         if field is None or self._session.matching.running:
             return None
@@ -325,10 +320,9 @@ class FieldQuantities(Jobs):
         return self._texture.newest(subject, colored, streaks, phase, values, colors, unknown)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
-        """Return a key, and the streaks along a field, or None while they are computed.
+        """Return a key, and the streaks along a field or None.
 
-        An earlier texture with the same key is shown until the texture of these streaks is
-        computed.
+        Until the texture of these streaks is computed, an earlier one with the same key is shown.
         """
         size = _TEXELS_OF_PICTURES if self.at_once else TEXELS
         return field, self._streaks.newest(field, convolved, field, size, fade, moving)

@@ -58,19 +58,14 @@ class SequenceFlow(ShownFlow):
         run, sequence = self._session.sequence_match, document.sequence
         if (field := run.field(document, interval)) is None:
             return None
-        tau, motion = (
-            float(sequence.frames.durations[interval]),
-            run.motion_share(document, interval),
-        )
+        tau = float(sequence.frames.durations[interval])
+        motion = run.motion_share(document, interval)
         parameters = Parameters(tau=tau)
         make = partial(FlowState, sequence.frames.mesh, field, parameters, reach=1.0, motion=motion)
         return memo.get((field, tau, motion), make)
 
     def advected(self) -> FloatArray | None:
-        """Return the function at the shown time, (V,).
-
-        While the sequence is played, the next interval is also computed.
-        """
+        """Return the function at the shown time, (V,); if playing, prepare the next interval."""
         document, session = _sequence_document(self._session), self._session
         columns, channel = document.sequence.columns, document.channel
         interval, share = document.interval, min(session.time / session.document.tau, 1.0)
@@ -121,10 +116,7 @@ class SequenceQuantities(FieldQuantities):
         return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
 
     def fast(self, field: Field) -> float | None:
-        """Return the speed of the longest arrows in all intervals; None before it is known.
-
-        During a run this speed never decreases.
-        """
+        """Return the speed of the longest arrows in all intervals; it never decreases in a run."""
         document = _sequence_document(self._session)
         if not self._is_of_interval:
             return field.fast

@@ -13,10 +13,7 @@ from abfm_viewer.shown.tracks import ShownTracks
 
 
 class Shown:
-    """Flow, quantities, landmarks, tracks and transport for the pictures of a session.
-
-    Sequences of frames have other classes for flow and quantities than other documents.
-    """
+    """Flow, quantities, landmarks, tracks and transport for the pictures of a session."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -39,11 +36,7 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the flow can be shown at all times; the player waits while this is false.
-
-        The player does not wait for streaks of a sequence, since each of its intervals has other
-        streaks.
-        """
+        """Whether the flow can be shown at all times, with its streaks if it is not a sequence."""
         waits = self.session.document.has_one_field and self.quantities.convolving
         return self.flow.is_ready and not waits
 
@@ -63,7 +56,7 @@ class Shown:
         if self.session.busy:
             return self.session.busy
         if self.flow.busy:
-            return "computing times"
+            return "computing the function at all times"
         if self.quantities.is_computing_field:
             return "computing the field"
         if self.tracks.busy:

@@ -131,10 +131,7 @@ class AtShownTime:
 
 
 def labels_at(mesh: TriangleMesh, values: IntArray, places: FloatArray) -> IntArray:
-    """Return the labels (P,) at points ``places`` (P, 3), which are those of the nearest vertices.
-
-    ``values`` (V,) are the labels of all vertices.
-    """
+    """Return the labels (P,) of the vertices nearest to ``places`` (P, 3), from ``values`` (V,)."""
     return np.asarray(values[vertex_tree(mesh).query(places)[1]])
 
 
@@ -190,8 +187,7 @@ class ShownFlow(Jobs):
     def advected(self) -> FloatArray | None:
         """Return the active channel's source, advected to the shown time, (V,); None if unknown.
 
-        If two surfaces are registered, it is advected on surface B. Without a flow, the source is
-        returned.
+        Of two surfaces, it is advected on B. Without a flow, the source is returned.
         """
         session, flow = self._session, self.state
         self.is_behind = False
@@ -216,8 +212,7 @@ class ShownFlow(Jobs):
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
         """Return the finer mesh of a match, and a function (V,) on it; None if it is not shown.
 
-        ``name`` is "source", "target" or "advected". The result is also None if the match has no
-        finer mesh, and before the values of the function are known.
+        ``name`` is "source", "target" or "advected".
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
@@ -252,8 +247,7 @@ class ShownFlow(Jobs):
     def coordinates(self) -> FloatArray | None:
         """Return the start, at time 0, of the points at the vertices at the shown time, (V, 3).
 
-        Points are followed along flow lines. If two surfaces are registered, the starts are on
-        surface A. The result is None before they are known.
+        Points are followed along flow lines, to surface A of two. The result is None if unknown.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:
@@ -261,11 +255,7 @@ class ShownFlow(Jobs):
         return self._coordinates.at(flow, places, self.time, self.settled)
 
     def labels(self) -> IntArray | None:
-        """Return labels at the shown time, (V,), moved from the source's surface along flow lines.
-
-        While new labels are computed, those of an earlier time are returned; None if there are
-        none.
-        """
+        """Return labels moved to the shown time or, until known, to an earlier one, (V,)."""
         labels, places = self._session.document.labels, self.coordinates()
         if labels is None or places is None:
             return None
@@ -284,11 +274,7 @@ class ShownFlow(Jobs):
         return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:
-        """Return the positions at the shown time, (V, 3), of the points that start at the vertices.
-
-        Points are followed along flow lines. The result is None without a flow, and before it is
-        known.
-        """
+        """Return where points from the vertices are at the shown time, (V, 3); None if unknown."""
         flow, vertices = self.state, self._session.surface().mesh.vertices
         if flow is None:
             return None

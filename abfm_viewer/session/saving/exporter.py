@@ -109,11 +109,8 @@ class Exporter:
         self._start(path, PICTURES, partial(self._render, path, document, known, options))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        movie, start, duration = (
-            self.movie,
-            document.start,
-            document.last_target_time - document.start,
-        )
+        movie, start = self.movie, document.start
+        duration = document.last_target_time - start
         # a sequence ends at its last frame
         begin, end = (
             min(start + share * duration, document.end) for share in (movie.start, movie.end)
@@ -124,10 +121,7 @@ class Exporter:
         self._start(path, MOVIES, partial(self._render, path, document, known, options))
 
     def save_result(self, path: Path, found: Any, on_saved: Callable[[], object]) -> None:
-        """Write a result in the format of the suffix of ``path``.
-
-        ``on_saved`` is called if this is a result file (.npz), which contains the complete result.
-        """
+        """Write a result in the format of ``path``; for a result file, call ``on_saved``."""
         task = abfm.loading.task_of(found)
 
         def write() -> str:
@@ -213,10 +207,7 @@ class Exporter:
         self._reported = step
 
     def _render(self, path: Path, document: Document, known: Known, options: list[str]) -> None:
-        """Draw a document by `abfm render` in a subprocess, and write the file when it is complete.
-
-        ``known`` returns values of functions from files, and ``options`` are those of the command.
-        """
+        """Draw a document by `abfm render` in a subprocess, and write the complete file."""
         if self.movie.fps > (fastest := outputs.FPS_MAX.get(path.suffix, math.inf)):
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; expected at most {fastest:g} for a {path.suffix} file"

@@ -53,10 +53,7 @@ class Saves:
         return tuple(found)
 
     def has_new_result(self, document: Document) -> bool:
-        """Return whether a document has a match that is in no file.
-
-        Another step of the continuation of a saved match is not new.
-        """
+        """Return whether a match is in no file; another step of a saved match is not new."""
         saved, _ = self._of(document)
         files = (saved, self._exported.get(type(document)))
         in_files = [file.match for file in files if file is not None]
@@ -102,11 +99,7 @@ class Saves:
         return self._of(document)[1]
 
     def unsaved_state(self, document: Document) -> Document | None:
-        """Return the latest unsaved state of a document, or None if it has none.
-
-        A state is recorded as unsaved when a result is computed, or when another document is
-        opened.
-        """
+        """Return the latest state of a document that has to be saved; None if it has none."""
         return self._unsaved.get(document.identity)
 
     def record(
