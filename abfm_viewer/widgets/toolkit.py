@@ -86,10 +86,7 @@ class Refusals:
             self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
 
     def accept_after(self, *values: object) -> None:
-        """Remove all refusals if one of the values differs from that of the previous call.
-
-        The user has then made a change that was accepted.
-        """
+        """Remove all refusals if a value is not that of the previous call: the user changed it."""
         if list(map(id, values)) != list(map(id, self._accepted)):
             for key in self.reasons:
                 self.texts.pop(key, None)
@@ -165,10 +162,7 @@ class Ui:
         imgui.PopTextWrapPos()
 
     def line(self, text: str, kind: TextTone = "muted", tip: str = "", room: float = 0) -> None:
-        """Write text on one line; if it is too wide, abbreviate it and show it in the tooltip.
-
-        ``room`` is the available width, by default that of the panel.
-        """
+        """Write text on one line; if it is too wide, abbreviate it and show it in the tooltip."""
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         self._write(shown, getattr(self.colors, kind))
         self.tip(_in_full(text, shown, tip))
@@ -176,8 +170,7 @@ class Ui:
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
         """Write a title, followed by a horizontal line up to the right end of the panel.
 
-        The line leaves space for ``buttons``, which are drawn next. A title that is too wide is
-        abbreviated, and complete in the tooltip.
+        The line leaves space for ``buttons``, which are drawn next.
         """
         left, _ = imgui.GetCursorScreenPos()
         right = left + imgui.GetContentRegionAvail()[0]
@@ -300,10 +293,7 @@ class Ui:
         return pressed
 
     def help_button(self, tip: str) -> bool:
-        """Draw a button as high as a line of text after the previous text.
-
-        Return whether it was pressed.
-        """
+        """Draw a small button after the previous text; return whether it was pressed."""
         imgui.SameLine()
         pressed = bool(imgui.SmallButton(HELP_LABEL))
         self._finish(HELP_LABEL, "button", tip)
@@ -370,11 +360,7 @@ class Ui:
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
-        """Draw a slider with a text box; return a new value, or None if nothing changed.
-
-        The box accepts values outside the range of the slider. A text that is not a number is
-        refused with a message.
-        """
+        """Draw a slider with a text box, which accepts any number; return a new value or None."""
         text, name = _text_and_name(label)
         new = self._slider_and_box(label, _WidgetRow(*self._placed(text)), value, ends, tip)
         return self._understood(name or text, new)
@@ -423,10 +409,7 @@ class Ui:
         return slid if typed is None else typed
 
     def _understood(self, key: str, new: float | str | None) -> float | None:
-        """Return the number that the user selected or typed; None if nothing changed.
-
-        A text that is not a number is refused, and the reason is written below the widget.
-        """
+        """Return the selected or typed number, or None; refuse a text that is not a number."""
         number = finite(new) if isinstance(new, str) else new
         if isinstance(new, str) and number is None:
             self.refusals.refuse(key, f"{new!r} is not a number")
@@ -460,8 +443,7 @@ class Ui:
     ) -> str | None:
         """Draw a text box; return the new text when the user presses Enter or leaves the box.
 
-        The result is None in all other frames. A text that is refused stays in the box, where the
-        user can correct it, or discard it by Escape.
+        The result is None in all other frames. Escape discards the text.
         """
         shown, _ = _text_and_name(label)
         width, caption = self._placed(shown, width)
@@ -524,10 +506,7 @@ class Ui:
     def _finish(
         self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
     ) -> None:
-        """Record the previous widget, and add its tooltip.
-
-        ``shown`` is the visible part of its label, if the label is abbreviated.
-        """
+        """Record the previous widget, whose visible label is ``shown``, and add its tooltip."""
         shown = shown or label
         tip = _in_full(label, shown, tip)
         self.record_item(label, kind, tip=tip, shown=shown, **details)
@@ -546,10 +525,7 @@ class Ui:
         return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
 
     def halves(self, left: str, right: str) -> tuple[float, float]:
-        """Return the widths of two widgets that fill a line together with their captions.
-
-        Both are 0 if the panel is too narrow for two widgets.
-        """
+        """Return the widths of two widgets that fill a line with captions; 0 if too narrow."""
         room, gap = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemInnerSpacing[0]
         if room < self.px(_PAIR_PANEL_MIN):
             return 0.0, 0.0
@@ -557,10 +533,7 @@ class Ui:
         return cell - gap - self.text_width(left), cell - gap - self.text_width(right)
 
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
-        """Return the widths of the next widget and its caption.
-
-        In a narrow panel, the caption is drawn immediately above the widget, and its width is 0.
-        """
+        """Return the widths of the next widget and its caption, 0 if the caption is above it."""
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
             return width, self.text_width(label)
@@ -596,10 +569,7 @@ def pushed(
 
 
 def close_by_escape() -> None:
-    """Close the open menu or list if the user presses Escape.
-
-    ImGui itself does this only with keyboard navigation.
-    """
+    """Close the open list on Escape, which ImGui does only with keyboard navigation."""
     if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
         imgui.CloseCurrentPopup()
 

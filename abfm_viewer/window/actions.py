@@ -165,10 +165,7 @@ class Actions:
         self.all = tuple(one for some in members for one in some if isinstance(one, Action))
 
     def do_pressed(self) -> None:
-        """Do the action of the keys that are pressed in this frame.
-
-        Keys for a text box, a menu or a drag are ignored. Call this at the end of every frame.
-        """
+        """Do the action of the pressed keys, unless they are for a text box, a menu or a drag."""
         context, io = self.context, imgui.GetIO()
         action, self._waiting = self._waiting, None
         is_free = not (io.KeyAlt or io.KeySuper)
@@ -203,7 +200,7 @@ class Actions:
             for entry in self._session.notices.log
         ]
         copied = "\n".join(f"{when.replace('   ', ' ')}: {text}" for when, text in rows)
-        self._dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
+        self._dialogs.show("Messages", rows[::-1] or ["There are no messages yet."], copied)
 
     def show_about(self) -> None:
         from importlib.metadata import version  # imported late: it loads slowly
@@ -247,10 +244,7 @@ class Actions:
     def _save(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
-        """Save a document, by default the current one; without a file, the user first chooses one.
-
-        ``then`` is called after the document is saved.
-        """
+        """Save a document, by default the current one; the user chooses a file if there is none."""
         document = document or self._session.document
         origin = self._session.saves.origin(document)
         is_present = document.identity is self._session.document.identity

@@ -42,7 +42,7 @@ def function(mesh: TriangleMesh) -> FloatArray:
 
 
 def fields(mesh: TriangleMesh, count: int) -> FloatArray:
-    """Return smooth tangent fields (N, F, 3) with mean zero: sums of waves in space."""
+    """Return smooth tangent fields (N, F, 3), sums of waves in space, whose mean is zero."""
     rng = np.random.default_rng(5)
     corners = mesh.vertices[mesh.faces] / mesh.length_scale
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -79,7 +79,7 @@ def _made(_: None, folder: str) -> Path:
     ]
     names = [f"subject {number}" for number in range(1, SUBJECTS + 2)]
     names[4] = OUTLIER_NAME
-    values.insert(4, -values[4])  # as if height and depth had been confused
+    values.insert(4, -values[4])  # the outlier has the opposite sign
     subjects = []
     for name, each in zip(names, values, strict=True):
         subjects.append(Subject(name, (_written(Path(folder, f"{name}.npy"), each),)))

@@ -196,7 +196,7 @@ class Recoveries:
 
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
         name = origin.path.name if origin else document.name
-        text = f"The app ended before {name} was saved. There is a copy of {written}."
+        text = f"The app ended before {name} was saved. There is a copy from {written}."
         if origin and origin.changed:
             text += f" {name} has changed since then."
         recover = partial(self._files.when_free, f"recovering {name}", restore)

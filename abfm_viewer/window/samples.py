@@ -60,8 +60,7 @@ Corner = tuple[float, float]
 def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, FloatArray]]:
     """Return a document of a figure of the paper, and values of functions without a spec.
 
-    Theme and layout are those of the view. A subprocess computes the example, which takes seconds.
-    Raises `AbfmError` if that fails.
+    A subprocess computes the example, which takes seconds.
     """
     example, given = experiments.example_in_subprocess(figure)
     parameters = example.problem.parameters
@@ -139,7 +138,9 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
         "Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS,
         "Figures of the paper": figures,
     }
-    available = _HEIGHT_SHARE_MAX * display[1] - len(parts) * (line + spacing[1])  # less headings
+    available = _HEIGHT_SHARE_MAX * display[1] - len(parts) * (
+        line + spacing[1]
+    )  # without headings
     columns, height = _COLUMNS_MIN - 1, 0.0
     while height < line and columns < _COLUMNS_MAX:
         columns += 1

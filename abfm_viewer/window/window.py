@@ -342,11 +342,7 @@ class Window(Context):
             self.preferences.update()
 
     def _moves(self) -> bool:
-        """Return whether this frame may differ from the previous one.
-
-        This is so after changes of the document, during input of the user, and while work is in
-        progress.
-        """
+        """Return whether this frame may differ from the last one: after a change, input or work."""
         session, io = self.session, imgui.GetIO()
         changed = session.document is not self._document
         self._document = session.document
