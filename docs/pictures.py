@@ -26,13 +26,13 @@ from abfm_viewer.window.wave import fsaverage5, turning_wave
 DOCS = Path(__file__).parent
 IMAGES = DOCS / "images"
 SIZE = (1600, 1000)
-"""Of the window, in pixels."""
+"""Size of the window, in pixels."""
 SIZE_MAX = (1000, 1300)
-"""Of other pictures, in pixels."""
+"""Largest size of other pictures, in pixels."""
 _BYTES_MAX = 400_000
-_COLOR_STEPS = 63  # of red, green and blue in pictures that would be too large otherwise
-_DATA = DOCS.parents[1]  # of other repositories, which are cloned next to this one
-_DENSITY = "0.2"  # of arrows on brains, where they would be small otherwise
+_COLOR_STEPS = 63  # levels of red, green and blue in pictures that are otherwise too large
+_DATA = DOCS.parents[1]  # folder of clones of other repositories, next to this one
+_DENSITY = "0.2"  # density of arrows on brains, where denser ones would be small
 _HUMAN = asset_path("human_fine_A.off")
 _SOURCE = "gaussian:vertex=1856,width=0.08"
 _TARGET = "gaussian:vertex=4108,width=0.08"
@@ -135,7 +135,7 @@ def figure(folder: Path, number: int) -> None:
 
 
 def waves(folder: Path) -> None:
-    """Plot the errors of a table of the documentation."""
+    """Plot the errors of recovered velocities of waves, from a table in ``docs/sequences.md``."""
     from drawing.waves import draw
 
     draw(DOCS / "sequences.md", folder / "waves.png")

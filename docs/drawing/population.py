@@ -18,18 +18,15 @@ from abfm_viewer.window.wave import fsaverage5
 
 _SUBJECTS = 20
 _NOISE = 0.1  # relative to the standard deviation of the depth
-_VERTICES = 2562  # of the icosphere from which the sphere of fsaverage5 was subdivided
-_SMOOTHINGS = 4  # so that the coarse mesh resolves the depth
+_VERTICES = 2562  # of the icosphere whose subdivision is the sphere of fsaverage5
+_SMOOTHINGS = 4  # number of smoothings, so that the coarse mesh resolves the depth
 _DISPLACEMENT = 0.05  # root mean square of the fields, in sqrt(area)
 _WAVES = 12  # gradients in a field, and as many rotated ones
 _WAVE_NUMBER_MAX = 4.0  # on the unit sphere
 
 
 def picture(folder: Path) -> Image:
-    """Register the subjects; return the picture of a subject, of the plain and registered mean.
-
-    The files of the registrations are written to ``folder``.
-    """
+    """Register the subjects, and return a picture of the template, a subject and both means."""
     mesh, depth = _template()
     random = np.random.default_rng(1)
     values = [
@@ -57,7 +54,7 @@ def picture(folder: Path) -> Image:
 
 
 def _template() -> tuple[abfm.TriangleMesh, FloatArray]:
-    """Return the coarse sphere of the template, and its smoothed depth of standard deviation 1."""
+    """Return the coarse sphere of the template, and its smoothed depth, of standard deviation 1."""
     surfaces = fsaverage5()
     fine = abfm.load_mesh(surfaces / "sphere_left.gii.gz")
     depth = abfm.function(fine, f"file:{surfaces / 'sulc_left.gii.gz'}")[:_VERTICES]
@@ -78,7 +75,7 @@ def _template() -> tuple[abfm.TriangleMesh, FloatArray]:
 
 
 def _fields(mesh: abfm.TriangleMesh) -> FloatArray:
-    """Return N smooth random fields (N, F, 3) with mean zero: waves, half of them turned by 90°."""
+    """Return smooth random fields (N, F, 3), sums of waves, whose mean over the fields is zero."""
     random = np.random.default_rng(0)
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     centres /= np.linalg.norm(centres, axis=1)[:, None]

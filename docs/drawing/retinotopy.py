@@ -15,9 +15,9 @@ from abfm_viewer.pictures import figure_picture
 from abfm_viewer.window.wave import fsaverage5
 
 WIDTHS = {"ring": 0.6, "wedge": 30.0}
-"""Standard deviations of the bumps: e-folds of eccentricity, and degrees of polar angle."""
+"""Standard deviations of the stimuli: of the log of eccentricity, and of the angle in degrees."""
 _CENTRES = {"ring": (np.log(0.8) + np.log(30)) / 2, "wedge": 90.0}  # in the middle of the frames
-_DISPLACEMENT = 0.7  # mean edges from frame to frame, median over the faces
+_DISPLACEMENT = 0.7  # between frames, in mean edge lengths; median over the faces
 _FRAMES = 6
 _NOISE = 0.05  # standard deviation, relative to that of the frames
 _SLOPE_MIN = 0.5  # smallest slope of a frame with an arrow, relative to the root mean square
@@ -36,7 +36,7 @@ def picture(folder: Path) -> Image:
     )
     seen = np.isin(area, (1, 2, 3)) & (eccentricity > 0)
     phases = {"ring": np.log(np.maximum(eccentricity, _ECCENTRICITY_MIN)), "wedge": angle}
-    # angles reverse between two areas
+    # the polar angle reverses at the border between two areas
     in_one_area = (np.ptp(area[mesh.faces], axis=1) == 0) & seen[mesh.faces].all(axis=1)
     patch = _Patch(inflated, mesh, seen)
     rows = []

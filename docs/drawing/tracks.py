@@ -22,7 +22,7 @@ from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import fitted, register, set_camera, show
 from abfm_viewer.shown.paint import Paint
 
-_REGIONS = 40  # nearest regions for the value at a vertex
+_REGIONS = 40  # number of nearest regions that determine the value at a vertex
 _WIDE_COUNT = 30  # tracks that are drawn wide, the longest ones
 _THIN_COUNT = 60  # tracks that are drawn thin, the next longest ones
 _SIZE = (900, 720)  # pixels
@@ -30,7 +30,7 @@ _GREY = 0.82  # of the surface, in linear light
 _PALE = 0.5  # share of the surface's colour in thin tracks
 _HALF_WIDTHS = {True: 0.0036, False: 0.0016}  # of wide and thin tracks, in sqrt(area)
 _DOT = 0.010  # radius of the dot at the end of a wide track, in sqrt(area)
-_MEANS = 5  # intervals
+_MEANS = 5  # number of intervals in a moving average of positions
 _SIDES = {"lateral": (1.0, 0.0, 0.0), "medial": (-1.0, 0.0, 0.0)}  # directions to the viewer
 
 

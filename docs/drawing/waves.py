@@ -1,4 +1,4 @@
-"""Plot of the errors of fields of known waves against displacement, from the table of a page."""
+"""Plot of the errors of velocities that were recovered from known waves, from a table of a page."""
 
 from collections import defaultdict
 from pathlib import Path

@@ -33,7 +33,8 @@ v = np.stack([z, 0 * y, -x], axis=1)
 
 others = commuting_fields(mesh, v, 8, weight=0)
 print(f"bracket with v: {relative_bracket(mesh, v, u):.2f}")
-print(f"median of smooth fields: {np.median([relative_bracket(mesh, v, w) for w in others]):.2f}")
+brackets = [relative_bracket(mesh, v, w) for w in others]
+print(f"median bracket of v with other smooth fields: {np.median(brackets):.2f}")
 
 # %%
 # If fields commute, points arrive at the same place along both flows in either order.
