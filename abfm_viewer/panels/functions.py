@@ -239,7 +239,7 @@ class _Side:
         ui.refusal("spec", otherwise=self._session.work.error(self._side))
 
     def _put(self, spec: str, label: str, bump: int | None = None) -> None:
-        """Set the spec, in one undo step per drag; show an error below the widget ``label``."""
+        """Set the function, in one undo step per drag; show an error below the widget ``label``."""
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 

@@ -405,7 +405,7 @@ class Links:
 
     @classmethod
     def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
-        """Return links from points of A, ``origins`` (V_B, 3), to evenly spread vertices of B."""
+        """Return links from vertices of B to their points of A, which are ``origins`` (V_B, 3)."""
         chosen = np.unique(b.faces[evenly_spread(b)][:, 0])
         colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # sRGB
         return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)

@@ -78,7 +78,7 @@ def slots(
 
 
 def fitting(half: tuple[float, float], shape: tuple[float, float]) -> float:
-    """Return the scale at which a shape (width, height) fits a slot of half the sizes ``half``."""
+    """Return the scale at which a shape fits a slot; ``half`` has half the slot's sizes."""
     return min(2 * space / max(length, 1e-12) for space, length in zip(half, shape, strict=True))
 
 

@@ -227,7 +227,7 @@ class SessionFiles:
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open frames on the current mesh, or on A of two; ``array`` selects one of several."""
+        """Open frames on the current mesh, or on A of two; ``array`` is one of several arrays."""
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)
@@ -258,7 +258,7 @@ class SessionFiles:
         self._open_question("Which array?", text, answers | {"Open none": None})
 
     def set_circular(self, document: SequenceDocument, period: float | None) -> None:
-        """Replace phases by cosine and sine of a period, or restore them if it is None."""
+        """Replace phases by cosine and sine of a period; without a period, restore the phases."""
         sequence = document.sequence
 
         def show(made: FrameSequence) -> None:

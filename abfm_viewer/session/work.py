@@ -173,7 +173,7 @@ class Work(ABC):
         return ""
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
-        """Return the place on the flow's surface of a point in a slot; None while unknown."""
+        """Return a point of a slot (a picture) as a point of the flow's surface, or None."""
         return point
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:

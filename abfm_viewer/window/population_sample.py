@@ -42,7 +42,7 @@ def function(mesh: TriangleMesh) -> FloatArray:
 
 
 def fields(mesh: TriangleMesh, count: int) -> FloatArray:
-    """Return smooth tangent fields (N, F, 3), sums of waves in space, whose mean is zero."""
+    """Return N smooth tangent fields (N, F, 3), sums of waves, whose mean over the N is zero."""
     rng = np.random.default_rng(5)
     corners = mesh.vertices[mesh.faces] / mesh.length_scale
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
