@@ -24,7 +24,7 @@ def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) 
     If ``argv`` is None, take the arguments of the process, handle signals, and end the process.
     """
     if argv is None:
-        # before all imports, which take longer than many commands
+        # signals are handled before the imports, which take longer than many commands
         signals.exit_on_signals(name)
     from abfm_viewer.cli.exit_status import exit_status, program_status
 

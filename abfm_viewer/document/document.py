@@ -22,7 +22,7 @@ from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.document.label_map import LabelMap
 
-if TYPE_CHECKING:  # a document without a result does not load its type
+if TYPE_CHECKING:  # documents without a result do not load the types of results
     from abfm import Correspondence, Match, Registration, Sequence
 
 Side = Literal["source", "target"]
@@ -342,7 +342,7 @@ class Document:
     match_tip: ClassVar[str] = (
         f"Find the field whose flow advects the source to the target ({COMMAND}+Enter)."
     )
-    """Tooltip of that button."""
+    """Tooltip of the button that starts a run."""
     cancel_tip: ClassVar[str] = (
         "End the run and keep the best field so far (Esc). Continue resumes from it."
     )

@@ -39,7 +39,7 @@ from abfm_viewer.document.frame_sequence import (
 from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.document.surface_points import landmarks_of_match
 
-if TYPE_CHECKING:  # a document without a result does not load its type
+if TYPE_CHECKING:  # documents without a result do not load the types of results
     from abfm import Match, Registration, Sequence
 
 MEASURED_COLUMN = "measured"

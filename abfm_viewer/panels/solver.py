@@ -28,7 +28,7 @@ _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # maximum height of the state, as a share of the panel
 _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
-_BAR_HEIGHT = 8  # as in the viewport; leaves space for three lines and a warning
+_BAR_HEIGHT = 8  # of progress bars, as on cards; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
 _HELP_TIP = "Explain this outcome."
 _WARM_START_LABEL = "from the current field"
@@ -220,7 +220,7 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     headline = verdict_words.short_headline(facts)
     tip = "" if headline == facts.headline else capital(facts.headline)
     _draw_headline(context, capital(headline), tone, facts.topics, tip)
-    if steps := len(result.energy_history) - 1:  # at the end of the line, if it fits
+    if steps := len(result.energy_history) - 1:  # their number follows on the same line if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         start = end - ui.text_width(text) - ui.px(2)

@@ -307,10 +307,10 @@ class Overlays:
             show_visible_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
-        """Draw level sets at evenly spaced values.
+        """Draw level sets of the shown function at evenly spaced levels.
 
-        None is at an end of the colour range, or in its middle if their number is even, where
-        functions are often constant.
+        No level is at an end of the colour range, or in its middle if their number is even, because
+        functions are often constant there.
         """
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None

@@ -293,7 +293,7 @@ def _large_parts(document: Document) -> dict[int, int]:
 
 
 def _viewpoint_differs(before: Document, after: Document) -> bool:
-    """Return whether two states have another viewpoint or enlarged picture, or another document."""
+    """Return whether two states differ in viewpoint, enlarged picture or document."""
     one, other = before.view, after.view
     is_other = before.identity is not after.identity
     return is_other or one.viewpoint is not other.viewpoint or one.enlarged != other.enlarged

@@ -52,7 +52,7 @@ from abfm_viewer.session.session import Session
 
 LABELS = (
     *(".label.gii", ".gii", ".gii.gz", ".annot", ".dlabel.nii"),
-    *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # with integers
+    *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # tables and arrays of integers
 )
 OTHER_MESH = "Open another mesh..."
 OTHER_NAME = "Save as..."

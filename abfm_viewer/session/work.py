@@ -531,4 +531,4 @@ def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> st
         return f"{text}; the earlier result is kept"
     earlier_count = int(earlier.solved.sum())
     undo = f"Undo ({COMMAND}+Z)"
-    return f"{text}; {undo} restores the earlier result, which has {earlier_count}"
+    return f"{text}; {undo} restores the earlier result, which has {earlier_count} of them"

@@ -47,7 +47,7 @@ class Action:
     """Something that the user can do with keys."""
 
     group: str  # heading in the list in Help
-    text: str  # description in that list
+    text: str  # description in the list in Help
     keys: str  # such as "Ctrl+Y or Ctrl+Shift+Z"; Cmd on a Mac
     do: Callable[[], None]
     repeats: bool = False  # while the key is pressed
@@ -253,7 +253,7 @@ class Actions:
             self._choose_file(then, document)
             return
         write = partial(self._files.save, origin.path, then, document)
-        # during a save, the change of the file is that of this window
+        # while this window saves the file, a change of the file is its own
         if self._files.saving or not origin.changed:
             write()
             return

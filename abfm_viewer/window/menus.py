@@ -42,7 +42,7 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
             with menu(ui, label) as is_open:
                 if is_open:
                     draw_menu(ui, actions)
-        # the document at the right, as far as it fits
+        # the name of the document at the right, abbreviated to fit
         available = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
         title = abbreviated(saves.title, available, ui.text_width)
         imgui.SetCursorPosX(imgui.GetCursorPosX() + max(available - ui.text_width(title), 0.0))

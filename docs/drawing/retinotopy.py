@@ -16,7 +16,7 @@ from abfm_viewer.window.wave import fsaverage5
 
 WIDTHS = {"ring": 0.6, "wedge": 30.0}
 """Standard deviations of the stimuli: of the log of eccentricity, and of the angle in degrees."""
-_CENTRES = {"ring": (np.log(0.8) + np.log(30)) / 2, "wedge": 90.0}  # in the middle of the frames
+_CENTRES = {"ring": (np.log(0.8) + np.log(30)) / 2, "wedge": 90.0}  # at half of the time
 _DISPLACEMENT = 0.7  # between frames, in mean edge lengths; median over the faces
 _FRAMES = 6
 _NOISE = 0.05  # standard deviation, relative to that of the frames
@@ -76,7 +76,7 @@ def _centres(
 
 
 def _is_sloped(mesh: abfm.TriangleMesh, values: FloatArray, inside: BoolArray) -> BoolArray:
-    """Return whether the values of a frame vary on each face, (F,)."""
+    """Return whether the values of a frame vary enough on each face for an arrow, (F,)."""
     slopes = np.linalg.norm((gradient(mesh) @ values).reshape(-1, 2), axis=1)
     weights = np.where(inside, face_areas(mesh), 0)
     return slopes > _SLOPE_MIN * np.sqrt(np.average(slopes**2, weights=weights))
