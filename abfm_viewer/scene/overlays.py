@@ -231,7 +231,7 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
 
 
 def show_visible_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
-    """Show the arrows that are completely visible; ``hidden`` masks those that are covered."""
+    """Show the arrows that are completely visible; ``hidden`` masks the covered ones."""
     vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
     ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 
@@ -309,8 +309,8 @@ class Overlays:
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
         """Draw level sets of the shown function at evenly spaced levels.
 
-        No level is at an end of the colour range, or in its middle if their number is even, because
-        functions are often constant there.
+        No level is at an end of the colour range, or in its middle if their number is even.
+        Functions are often constant there.
         """
         view, name = self._shown.session.view, _ISOLINES + surface
         colors = paint.colors if paint and paint.kind == "vertex values" else None

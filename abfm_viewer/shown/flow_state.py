@@ -56,8 +56,8 @@ class FlowState:
     def line_time(self) -> float:
         """Duration of flow lines in each direction, in the flow's unit of time; tau for a match.
 
-        In a sequence, it is the time in which a point at the root mean square speed moves by half
-        of sqrt(area), because intervals are too short.
+        The intervals of a sequence are too short for this. There, a point at the root mean square
+        speed moves by half of sqrt(area) in this time.
         """
         if self.reach == EXTRAPOLATION:
             return self.parameters.tau
