@@ -195,7 +195,10 @@ class Workers:
     def _executor(
         self, control: Control
     ) -> tuple[Executor, AbstractContextManager[Callable[[], bool]]]:
-        """Return an executor, and a context manager of a function whether workers are reachable."""
+        """Return an executor and a context manager.
+
+        The latter yields a function that returns whether the workers are reachable.
+        """
         if self.cluster.is_local:
             if self._processes is None:
                 self._processes = Processes(self.cluster.processes)

@@ -52,7 +52,7 @@ def _of_point(summary: str) -> Any:
 class AroundPoints(Family):
     """Base class of families with a centre.
 
-    It is ``vertex=``, numbered as in the file, or the vertex nearest to a point ``x=,y=,z=``.
+    The centre is ``vertex=``, numbered as in the file, or the vertex nearest to ``x=,y=,z=``.
     """
 
     vertex: tuple[int, ...] | None = parameter(

@@ -12,7 +12,7 @@ from abfm.reading import HEMISPHERES, hemisphere, named_side, side_of
 def warn_of_sides(mesh: TriangleMesh, path: str | os.PathLike[str], side: str = "") -> None:
     """Warn once if a surface and a file belong to different hemispheres.
 
-    ``side`` is that in the metadata of the file, or empty.
+    ``side`` is the hemisphere in the metadata of the file, or empty.
     """
     mesh_side = side_of(mesh.structure)
     text = _difference(mesh.file_name or "the surface", mesh_side, path, side or hemisphere(path))

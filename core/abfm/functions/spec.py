@@ -174,7 +174,7 @@ def function(mesh: MeshLike, spec: str | Spec, *, allow_missing: bool = False) -
 
 
 def files_in(functions: object) -> list[str]:
-    """Return the names of the value files that one or several functions, also texts, read."""
+    """Return the names of the value files that functions read; functions may be texts."""
     if isinstance(functions, str):
         return files_in(parse(functions)) if functions else []
     if isinstance(functions, list | tuple):

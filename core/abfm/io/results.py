@@ -51,7 +51,7 @@ Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
 class Entry(NamedTuple):
     """Expected type, shape and range of an array in a file.
 
-    Sizes with the same word in shapes, such as ``"V"``, are equal.
+    A word in shapes, such as ``"V"``, is a size that is equal in all arrays.
     """
 
     kind: str
@@ -231,7 +231,7 @@ SEQUENCE = FileKind("sequence file", MESH_ENTRIES | _SEQUENCE)
 def open_archive(path: File, what: str, remedy: str) -> Iterator[Archive]:
     """Open a zip for reading; convert all errors to a ResultError.
 
-    It has the expected kind of file, ``what``, and advice to the user, ``remedy``.
+    Its message has the expected kind of file, ``what``, and the ``remedy``.
     """
     name = name_of(path)
     try:

@@ -28,7 +28,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Checker:
-    """A checkerboard by texture coordinates (V, 2), two squares in a unit."""
+    """A checkerboard by texture coordinates (V, 2), with two squares per unit."""
 
     coordinates: FloatArray
 

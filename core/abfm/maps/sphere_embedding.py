@@ -259,7 +259,7 @@ def is_outward(state: Embedding, star: IntArray, place: FloatArray) -> bool:
 
 @unfused_kernel
 def set_shapes(state: Embedding, v: int, workspace: Workspace) -> int:
-    """Write the corners at a vertex and their faces' shapes to ``workspace``; return a count."""
+    """Write the corners at a vertex, and the shapes of their faces; return the count of corners."""
     points, (faces, twins, corner_of), _ = state
     size = fill_star(workspace.star, twins, corner_of[v])
     for k in range(size):

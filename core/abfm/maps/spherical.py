@@ -222,7 +222,8 @@ def walk(layout: Faces, points: FloatArray, faces: IndexArray, weights: FloatArr
 def side_volumes(layout: Faces, point: FloatArray, face: int, volumes: FloatArray) -> None:
     """Write three volumes that are the barycentric weights of a point in a face, up to a factor.
 
-    Each is six times that of a tetrahedron with the point, a side of the face, and the centre.
+    Each is six times the signed volume of a tetrahedron between the point, a side of the face and
+    the centre of the sphere.
     """
     for k in range(3):
         i, j = layout.corners[face, (k + 1) % 3], layout.corners[face, (k + 2) % 3]

@@ -70,7 +70,10 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
-    """Return unit normals at points, interpolated between vertices; those of slivers are random."""
+    """Return unit normals at points, interpolated between vertices.
+
+    Normals of the faces are not suitable, because those of slivers are random.
+    """
     weighted = face_areas(mesh)[:, None] * face_normals(mesh)
     corners, count = mesh.faces.ravel(), len(mesh.vertices)
     at_vertices = [np.bincount(corners, np.repeat(w, 3), count) for w in weighted.T]

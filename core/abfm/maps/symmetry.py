@@ -51,7 +51,10 @@ class Symmetry:
 
 
 class SymmetryError(AbfmError):
-    """The surface has no symmetry; ``error`` is that of the best candidate, in sqrt(area)."""
+    """An error because the surface has no symmetry of the requested kind.
+
+    ``error`` is the error of the best candidate, in sqrt(area).
+    """
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)

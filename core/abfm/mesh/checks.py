@@ -189,7 +189,7 @@ def _refuse_several_components(draft: Draft) -> None:
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
-    """Return an array with rows of three real numbers; a MeshError calls it ``name``."""
+    """Return an array with rows of three real numbers, or raise a MeshError about ``name``."""
     try:
         array = plain_array(rows)
     except (TypeError, RuntimeError) as error:

@@ -75,7 +75,10 @@ def _bytes_of(image: str | os.PathLike[str]) -> bytes:
 
 
 def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceColors:
-    """Return the colours of faces ``rows`` (n,) of a file, in the order of ``corners`` (n, 3)."""
+    """Return the colours of the faces ``rows`` (n,) of a file.
+
+    ``corners`` (n, 3) is the order in which the corners of each face are returned.
+    """
     used, owners = np.unique(found.owners[rows], return_inverse=True)
     materials = tuple(found.materials[k] for k in used)
     places, colors = (part[rows[:, None], corners] for part in (found.coordinates, found.colors))
@@ -97,9 +100,9 @@ def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceC
 
 
 def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArray]:
-    """Return the face of the file, (F,), and its corners in order, (F, 3), for each mesh face.
+    """Return, for each face of the mesh, the face of the file, (F,), and its corners, (F, 3).
 
-    MeshError if a face is not in the file.
+    The corners are in the order of the mesh. MeshError if a face is not in the file.
     """
     if not np.isfinite(found.vertices).all():
         raise MeshError("the file has coordinates that are not finite. Correct them")

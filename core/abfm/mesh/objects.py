@@ -102,7 +102,7 @@ def _of_poly_data(source: Any) -> FileContents:
 
 
 def _of_grid(source: Any) -> FileContents:
-    """Read the polygons of a PyVista ``UnstructuredGrid``, whose extracted surface is reordered."""
+    """Read the polygons of a PyVista ``UnstructuredGrid``, with its order of vertices."""
     types = np.asarray(source.celltypes).astype(np.int64)
     sizes, corners = polygons_of_cells(*_lists(source.cells, "cells"), types)
     return _split(source.points, [sizes], [corners])

@@ -19,7 +19,7 @@ def even_sphere(count: int) -> TriangleMesh:
 
 
 def five_limbs(count: int) -> TriangleMesh:
-    """Return a flat body of ``count`` vertices with five limbs of different lengths and slivers."""
+    """Return a flat body of ``count`` vertices with five limbs, made of long and thin triangles."""
     ball = even_sphere(count)
     cosines = ball.vertices @ (_LIMBS / np.linalg.norm(_LIMBS, axis=1)[:, None]).T
     reach = 1 + np.exp(8 * (cosines - 1)) @ np.array([1.2, 0.8, 0.9, 1, 1.1])
@@ -131,7 +131,10 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
 
 
 def gourd(frequency: int) -> TriangleMesh:
-    """Return a flat surface about y with three bulges and 10 * frequency**2 + 2 vertices."""
+    """Return a flattened surface of revolution about y with three bulges.
+
+    The surface has 10 * frequency**2 + 2 vertices.
+    """
     ball = geodesic_sphere(frequency)
     polar = np.arccos(np.clip(ball.vertices[:, 1], -1, 1))
     return TriangleMesh(ball.vertices * gourd_radius(polar)[:, None], ball.faces)

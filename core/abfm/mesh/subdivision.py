@@ -81,7 +81,7 @@ def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
 def to_children(
     faces: IntArray, barycentric: FloatArray, k: int = 1
 ) -> tuple[IntArray, FloatArray]:
-    """Convert points, faces (P,) and weights (P, 3), to those on the mesh subdivided k times."""
+    """Convert points of a mesh to faces (P,) and weights (P, 3) on the mesh subdivided k times."""
     for _ in range(k):
         corner, largest = barycentric.argmax(axis=1), barycentric.max(axis=1)
         outer = largest >= 0.5
@@ -94,7 +94,7 @@ def to_children(
 
 
 def to_parents(faces: IntArray, barycentric: FloatArray, k: int = 1) -> tuple[IntArray, FloatArray]:
-    """Convert points on the mesh subdivided k times to the mesh: the inverse of `to_children`."""
+    """Convert points on the mesh subdivided k times to points of the mesh, unlike `to_children`."""
     for _ in range(k):
         parents, child = np.divmod(faces, 4)
         middle = (1 - barycentric) / 2

@@ -13,7 +13,10 @@ from abfm.types import BoolArray, IntArray
 
 
 def edges_of_faces(faces: IntArray, vertex_count: int) -> tuple[IntArray, IntArray]:
-    """Return the edges (E, 2), sorted, smaller vertex first, and those opposite corners, (F, 3)."""
+    """Return the sorted edges (E, 2), and the edge opposite each corner of the faces, (F, 3).
+
+    The smaller vertex of an edge is first.
+    """
     sides = np.empty((len(faces), 3), dtype=np.int64)
     for corner in range(3):
         start, end = faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
@@ -44,7 +47,10 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return the two slots of each edge, (E, 2), smaller one first; -1 beyond the boundary."""
+    """Return the two slots of each edge, (E, 2), smaller one first.
+
+    On the boundary the second is -1.
+    """
     order = np.argsort(face_edges, axis=None, kind="stable")
     uses = np.bincount(face_edges.ravel(), minlength=edge_count)
     first = np.cumsum(uses) - uses
@@ -53,7 +59,7 @@ def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
 
 
 def next_corner(slots: IntArray) -> IntArray:
-    """Return the slots of the next corners of the same faces, where the edges of slots start."""
+    """Return the slot of the next corner of the same face, where the edge of each slot starts."""
     return slots - slots % 3 + (slots + 1) % 3
 
 

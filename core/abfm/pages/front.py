@@ -97,8 +97,8 @@ def best_front(
 def changes_in_time(frames: FloatArray) -> FloatArray:
     """Return the variance in time of frames (T, V, C), summed over channels, shape (V,).
 
-    Each channel is divided by its maximum over the vertices. Values that are not finite have
-    variance 0. Very long sequences are subsampled.
+    The variance of each channel is divided by its maximum over the vertices. Values that are not
+    finite have variance 0. Very long sequences are subsampled.
     """
     shown = frames[:: -(-frames.size // _NUMBERS_MAX)]
     shown = shown if len(shown) > 1 else frames

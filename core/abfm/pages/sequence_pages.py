@@ -238,7 +238,8 @@ def _about_mask(sequence: sequences.Sequence) -> list[str]:
 def _path_lines(sequence: sequences.Sequence) -> Paths:
     """Return path lines from points distributed over the surface.
 
-    After `_PATH_INTERVALS` intervals, a line restarts at its first point, each at another time.
+    After `_PATH_INTERVALS` intervals, a line restarts at its first point. Different lines restart
+    at different times.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))

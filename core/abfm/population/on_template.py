@@ -124,7 +124,7 @@ def edge_midpoints(mesh: TriangleMesh) -> SurfacePoints:
 
 
 def checked_mask(mesh: TriangleMesh, text: str | None, name: str) -> FloatArray:
-    """Evaluate the specification of a mask of ``name``, (V,), or return ones if there is none."""
+    """Evaluate the specification of a mask, (V,), or return ones; messages use ``name``."""
     found = mask_from_input(mesh, text or None, f"the mask of {name}")
     return np.ones(len(mesh.vertices)) if found is None else found
 
@@ -135,7 +135,7 @@ def displacement(found: Registration) -> FloatArray:
 
 
 def displacement_in(path: Path) -> FloatArray:
-    """Return the `displacement` by a registration, of whose file no more is read."""
+    """Return the `displacement` by the registration in a file, without loading the rest of it."""
     with results.open_archive(path, results.REGISTRATION.name, results.REMEDY) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])

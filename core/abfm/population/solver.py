@@ -135,7 +135,8 @@ class PopulationSolver:
     def first_target(self) -> Target:
         """Return the functions of the template or, without them, those of a typical subject.
 
-        It is the subject most similar to the plain mean (before registration), which is blurred.
+        It is the subject most similar to the plain mean before registration. That mean itself is
+        not the target, because it is blurred.
         """
         given = self.settings.functions
         channels = self.cohort.registered_channels

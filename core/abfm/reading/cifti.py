@@ -161,7 +161,7 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
 
 
 def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
-    """Return all numbers of the file, with a row for each grayordinate, axis 0 or 1 in the file."""
+    """Return all numbers, with a row for each grayordinate (``axis`` 0 or 1 in the file)."""
     shape = tuple(map(int, head.get_data_shape()))
     if len(shape) != 6 or shape[:4] != (1, 1, 1, 1):
         raise ValueError(f"the array of the file has shape {shape}; expected two axes of numbers")

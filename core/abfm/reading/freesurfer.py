@@ -173,7 +173,10 @@ def freesurfer_label(data: bytes) -> Columns:
 
 
 def freesurfer_text(data: bytes) -> Columns:
-    """Read values in the text format of ``mris_convert``: vertex, coordinates, value a line."""
+    """Read values in the text format of ``mris_convert``.
+
+    Its lines are those of a .label file without a header: vertex, coordinates and value.
+    """
     if data.startswith(b"#!ascii"):
         raise ValueError("the file is a surface; expected a file of values")
     rows = [line.split() for line in data.decode("utf-8", "replace").splitlines() if line.strip()]

@@ -18,8 +18,8 @@ _IMAGING = re.compile(
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
     """Return the hemisphere "L" or "R" in the name of a file; None if it has neither or both.
 
-    A word between dots and underscores is ``hemi-L``, ``lh``, ``L`` or ``left``, or ends with
-    ``-lh``. The right hemisphere has the corresponding words.
+    The left hemisphere is a word between dots and underscores: ``hemi-L``, ``lh``, ``L``, ``left``,
+    or one that ends with ``-lh``. The right hemisphere has the corresponding words.
     """
     words = re.split(r"[._]", os.path.basename(path))
     entities = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]

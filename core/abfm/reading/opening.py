@@ -230,7 +230,7 @@ def _format_of_text(head: str, named: Format) -> Format:
 def _has_old_quads(data: bytes) -> bool:
     """Return whether a file has the size of a FreeSurfer surface of the oldest version.
 
-    It has 16-bit coordinates, and 3-byte vertex numbers of quadrangles.
+    Such a surface has 16-bit coordinates, and 3-byte vertex numbers of quadrangles.
     """
     vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
     return len(data) == 9 + 6 * vertices + 12 * quads
@@ -239,7 +239,7 @@ def _has_old_quads(data: bytes) -> bool:
 def _is_old_values(data: bytes) -> bool:
     """Return whether a file has the size of old FreeSurfer values.
 
-    These are two 3-byte counts, then 16-bit values.
+    Such a file has two 3-byte counts, then 16-bit values.
     """
     return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
 

@@ -166,7 +166,7 @@ def array_from(data: bytes) -> NDArray[Any]:
 def _header(data: bytes, total: int) -> tuple[int, tuple[int, ...], bool, np.dtype[Any]]:
     """Return the start of the data in a .npy file, and the shape, Fortran order and type.
 
-    ``total`` is the size of the file, and ``data`` its beginning. Errors are as of `array_from`.
+    ``total`` is the size of the file, and ``data`` its beginning. Errors are those of `array_from`.
     """
     file = BytesIO(data)
     try:
@@ -285,7 +285,7 @@ class Archive(Mapping[str, NDArray[Any]]):
 
 
 class _Part(RawIOBase):
-    """A part of an open file, in which seeking is fast; ``zipfile`` reads all bytes before."""
+    """A part of an open file, as a file in which seeking is fast, unlike in that of ``zipfile``."""
 
     def __init__(self, file: BinaryIO, name: str, start: int, size: int) -> None:
         self.name = name

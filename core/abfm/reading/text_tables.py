@@ -290,8 +290,8 @@ def _has_comma(cell: str) -> bool:
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
     """Raise a ValueError if numbers have commas whose meaning is unclear.
 
-    Other numbers in the text ``body`` have decimal points, or the commas of ``cells`` may separate
-    thousands.
+    This is so if other numbers in the text ``body`` have decimal points, or if the commas of
+    ``cells`` may separate thousands.
     """
     if cells and _POINT.search(body):
         raise ValueError(
@@ -329,7 +329,7 @@ def _refuse_ambiguous(rows: list[str], names: list[str], integers: bool) -> None
 
 
 def _commented_names(text: str, separator: str | None) -> list[str]:
-    """Return the words of the last comment above the numbers, where np.savetxt writes names."""
+    """Return the words of the last comment above the numbers, as np.savetxt writes names."""
     head = ""
     for line in text.split("\n"):
         if line.strip() and not line.startswith("#"):

@@ -18,7 +18,10 @@ Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
-    """Convert a word to a number, also with a Fortran exponent (``1.0D+00``), or raise an error."""
+    """Convert a word to a number; ValueError if it is not a number.
+
+    Exponents of Fortran are also read, such as in ``1.0D+00``.
+    """
     try:
         return float(word)
     except ValueError:
@@ -58,7 +61,7 @@ class Words:
         self._words = _WORD.finditer(text, begin)
 
     def numbers(self, count: int, of: str) -> FloatArray:
-        """Return the next numbers, (count,); a ValueError if fewer follow calls them ``of``."""
+        """Return the next numbers, shape (count,); ValueError about ``of`` if fewer follow."""
         return np.frombuffer(self._read(array("d"), number, count, of), np.float64)
 
     def integers(self, count: int | None, of: str) -> IntArray:

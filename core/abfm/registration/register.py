@@ -331,7 +331,7 @@ def _landmarks_on_b(initial: Correspondence, pairs: Landmarks) -> dict[str, Any]
 
 
 def _missing_values(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
-    """Return a note on the unknown functions of a surface, or no note; ``known`` is (V,)."""
+    """Return a note with the number of vertices without values, if any; ``known`` is (V,)."""
     if mask is not None:
         known = known | (mask == 0)
     count = int(np.count_nonzero(~known))

@@ -180,7 +180,7 @@ class Registration(Correspondence):
 
     @property
     def landmark_errors(self) -> FloatArray | None:
-        """Distances of moved landmarks from their targets on B, (L,), in sqrt(area), or None."""
+        """Errors of the moved landmarks on B, (L,), in sqrt(area); None without landmarks."""
         return self.match.landmark_errors
 
     @property

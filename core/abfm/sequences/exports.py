@@ -52,7 +52,9 @@ def vertex_speed(sequence: Sequence) -> FloatArray:
 
 
 def check_pvd(path: str | os.PathLike[str]) -> Path:
-    """Check that `export_pvd` can write to a path; return the folder of the frames without links.
+    """Check that `export_pvd` can write to a path; return the folder for the frames.
+
+    Links in the path of the folder are resolved.
 
     Raises
     ------

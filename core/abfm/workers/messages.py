@@ -29,7 +29,10 @@ class Parcel(NamedTuple):
     values: dict[str, bytes]
 
     def unpack(self, known: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-        """Return the value, and its named values by name, of which the receiver has ``known``."""
+        """Return the value, and the named values in it by name.
+
+        ``known`` are the named values that the receiver already has.
+        """
         received = {name: pickle.loads(content) for name, content in self.values.items()}
         named = {name: received[name] if name in received else known[name] for name in self.names}
         unpickler = _Unpickler(io.BytesIO(self.content))

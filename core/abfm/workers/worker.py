@@ -213,7 +213,10 @@ class _Connection:
         return bool(self._calls)
 
     def send_update(self, update: ControlUpdate) -> None:
-        """Send an update, or let the thread that is sending a request send it afterwards."""
+        """Send an update without waiting.
+
+        If another thread is sending a request, that thread sends the update afterwards.
+        """
         self._updates.append(update)
         self._send_updates()
 

@@ -184,9 +184,9 @@ def _wrong_fans(fans: FloatArray, sizes: IntArray) -> tuple[BoolArray, FloatArra
 
 
 def _projected(points: FloatArray, sizes: IntArray, normals: FloatArray) -> FloatArray:
-    """Return the corners (n, 2) of polygons, projected along an axis near each polygon's normal.
+    """Return the counterclockwise corners (n, 2) of polygons in coordinate planes.
 
-    They are counterclockwise.
+    The plane of a polygon is chosen by its normal.
     """
     axis = np.argmax(np.abs(normals), axis=1)
     turned = normals[np.arange(len(axis)), axis] < 0

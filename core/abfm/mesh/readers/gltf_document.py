@@ -62,7 +62,7 @@ def indices_of(entry: dict[str, Any], name: str) -> list[int]:
 
 
 def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
-    """Return ``count`` numbers of a JSON object under a name; a ValueError calls it ``what``."""
+    """Return ``count`` numbers of a JSON object under a name; errors call the object ``what``."""
     found = of(entry, name, list, None)
     are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
     if not are_numbers or len(found) != count:
@@ -313,7 +313,7 @@ class Document:
         return self._binary
 
     def _named(self, uri: str, what: str) -> bytes:
-        """Return the bytes of a data URI, or of the file that a URI names; errors use ``what``."""
+        """Return the bytes of a data URI, or of a URI's file; error messages call it ``what``."""
         if what not in self._texts:
             if not uri.startswith("data:"):
                 content = self._references.read(unquote(uri))

@@ -24,7 +24,7 @@ class References:
         self._names_in_folder: dict[str, str] | None = None
 
     def read(self, name: str) -> bytes:
-        """Read the file with a name, only once; OSError if unreadable, ValueError if refused."""
+        """Return the bytes of a file, read once; OSError if unreadable, ValueError if refused."""
         path = self.find(name)
         if path not in self._contents:
             content = read_bytes(path, self._budget)

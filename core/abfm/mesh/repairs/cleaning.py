@@ -148,7 +148,7 @@ class _Patch:
             heapq.heappush(self.queue, entry)
 
     def remove_flat(self, face: int, corner: int) -> int:
-        """Remove a face without area; split its neighbours at the side opposite a corner there.
+        """Remove a face without area, and split the neighbours opposite its ``corner`` there.
 
         Return the number of neighbours.
         """

@@ -34,7 +34,8 @@ def with_remedies(
     """Return an error about a defect, which advises options with which the mesh can be used.
 
     ``attempt`` loads the mesh with other options. If none help, the error has the usual advice.
-    Vertices share a position if ``can_merge``, and merging joins components if ``merging_joins``.
+    ``can_merge`` is True if vertices share a position, ``merging_joins`` if merging them joins
+    components.
     """
     last = ""
     for group in _candidates(options, can_merge, merging_joins):

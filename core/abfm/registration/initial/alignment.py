@@ -220,7 +220,7 @@ class _Surfaces(NamedTuple):
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:
-    """Refine motions; return the ``count`` best ones, or only one if its score is about 0."""
+    """Refine motions; return the ``count`` best ones, or only one if it fits nearly exactly."""
     found: list[tuple[Motion, float]] = []
     for motion in motions:
         checkpoint()
@@ -266,7 +266,7 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: MotionK
 def _starts(
     a: TriangleMesh, b: TriangleMesh, kind: MotionKind, sizes: tuple[float, float]
 ) -> list[Motion]:
-    """Return motions that align the centroids, see `align`; none is unrotated for ``mirror``."""
+    """Return the motions that `align` tries first; all of them align the centroids."""
     (middle_a, axes_a), (middle_b, axes_b) = principal_axes(a), principal_axes(b)
     expected_side = -1 if kind == "mirror" else 1
     side = expected_side * np.linalg.det(axes_a) * np.linalg.det(axes_b)

@@ -260,7 +260,7 @@ METHODS = (
     ),
     InitialMapMethod(
         "sphere[:[mirror,][A,B]]",
-        "by directions on spheres (the surfaces, or files A and B); functions rotate sphere A",
+        "by directions on spheres (the surfaces, or files A and B), rotated to fit the functions",
         _by_spheres,
     ),
     InitialMapMethod(

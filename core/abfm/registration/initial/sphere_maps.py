@@ -151,7 +151,7 @@ def _ambiguities(found: SphereRotation) -> list[str]:
         )
     if found.runner_up > _RIVAL_RATIO:
         warnings.append(
-            "two different rotations of sphere A fit the functions nearly as well; use more "
-            "functions, or another initial map, to distinguish them"
+            "another rotation of sphere A fits the functions nearly as well as the best one. Use "
+            "more functions, or another initial map, to distinguish the two"
         )
     return warnings

@@ -32,7 +32,7 @@ class FramesFile(NamedTuple):
 
 
 def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
-    """Return frames from the columns of a file; ValueError for labels, or on another mesh.
+    """Return frames from the columns of a file; ValueError if these are labels, or do not fit.
 
     Values at sources of a source estimate (``are_sources``) are interpolated to the vertices.
     """

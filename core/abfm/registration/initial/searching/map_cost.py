@@ -22,7 +22,7 @@ _WRONG_SIDE_COST = 1.0  # added if the orientation is wrong on most of the surfa
 
 
 class MapCost(NamedTuple):
-    """Parts of the cost of a map. For an isometry, ``energy`` is 2, the next two parts are 0."""
+    """Parts of the cost of a map; an isometry has energy 2, and descriptors and commutator 0."""
 
     energy: float  # reversible harmonic energy
     descriptors: float  # dissimilarity of descriptors

@@ -357,7 +357,7 @@ def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
 def _by_positions(
     positions: tuple[FloatArray, FloatArray], side: int
 ) -> Callable[[Pair], IntArray]:
-    """Return a `Start.coarse` by the distances to L matched points of A and B, (L, 3) each."""
+    """Return a function that maps coarse surfaces by the distances to L matched points, (L, 3)."""
 
     def coarse(pair: Pair) -> IntArray:
         on_a, on_b = (
