@@ -42,7 +42,7 @@ from tests.viewer.cli.batches import (
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STOPPED = ("stopping with the best", "stopping with the finished", "abfm: interrupted")
 _PROGRESS = ("iteration ", "compiling", "note: ")
-_PATIENCE = 60.0  # seconds until a process counts as not ending
+_END_SECONDS_MAX = 60.0  # a process that runs longer counts as endless
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
 
 _PAIR = ("--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2")
@@ -88,11 +88,11 @@ class Signals:
             )
             _send(process, number, mode, after)
             try:
-                _, errors = process.communicate(timeout=_PATIENCE)
+                _, errors = process.communicate(timeout=_END_SECONDS_MAX)
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 _, errors = process.communicate()
-                faults.append(f"no end within {_PATIENCE:g} s")
+                faults.append(f"no end within {_END_SECONDS_MAX:g} s")
             if process.returncode not in (0, 3, 128 + number):
                 faults.append(f"exit status {process.returncode}")
             lines = [line for line in errors.splitlines() if not line.startswith(_PROGRESS)]

@@ -10,7 +10,7 @@ from tests.core.reading.hostile import one_byte_changed
 
 CHANGES = {"project": 20, "result": 20, "mesh": 30}
 """Number of changes of a file that is slow to read; others have 60."""
-OTHERS = ("spec", "state", "batch")
+OTHER_KINDS = ("spec", "state", "batch")
 """Readers of texts, and of files that are never refused."""
 COMPLETE_ENDINGS = (".npy", ".npz", ".abfm", ".glb", "binary.stl", "little.ply", "big.ply")
 COMPLETE_ENDINGS += (".annot", ".gii", ".gz", ".sulc", ".mgz", ".stc", ".dscalar.nii", ".mat")
@@ -25,7 +25,9 @@ def changes(content, count):
     return one_byte_changed(content, places)
 
 
-@pytest.mark.parametrize("reader", [reader for reader in readers.READERS if reader not in OTHERS])
+@pytest.mark.parametrize(
+    "reader", [reader for reader in readers.READERS if reader not in OTHER_KINDS]
+)
 def test_damaged_files_are_opened_or_refused(reader, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     opened, refused = [], 0

@@ -23,7 +23,7 @@ from tests.processes import ROOT
 # limits of CPU time and of memory growth for a file of at most this size
 SECONDS, MEGABYTES, LARGEST = 10, 1000, 10 << 20
 _ADDRESS_SPACE, _HERE = 3 << 30, f"{ROOT}{os.sep}"
-_PATIENCE = 120.0  # wall-clock seconds, for a process that waits without computing
+_WAIT_SECONDS_MAX = 120.0  # wall-clock seconds, for a process that waits without computing
 
 
 class Victim(contextlib.ExitStack):
@@ -58,7 +58,7 @@ class Victim(contextlib.ExitStack):
             self._process.start()
             other.close()
         self._connection.send((reader, path))
-        has_answered = self._connection.poll(_PATIENCE)
+        has_answered = self._connection.poll(_WAIT_SECONDS_MAX)
         try:
             answer = self._connection.recv() if has_answered else None
         except (EOFError, ConnectionError):
@@ -71,7 +71,7 @@ class Victim(contextlib.ExitStack):
         return answer
 
     def _death(self, has_ended):
-        why = f"no answer within {_PATIENCE:g} s by the clock"
+        why = f"no answer within {_WAIT_SECONDS_MAX:g} s by the clock"
         if has_ended:
             self._process.join()
             status = self._process.exitcode

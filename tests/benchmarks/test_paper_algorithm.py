@@ -97,15 +97,14 @@ def test_omitted_factor_improves_the_gradient():
     assert np.linalg.norm(completed - exact) < 0.5 * np.linalg.norm(printed - exact)
 
 
-def test_exponential_span():
-    """The span has the exponential at even times; the energy of too fast fields is infinite."""
+def test_exponential_span_equals_dense_exponentials():
     matrix = directional_derivative(SPHERE, V)
     expected = [expm(t * matrix.toarray()) @ F for t in (0.0, 0.4, 0.8, 1.2)]
     assert_allclose(exponential_span(matrix, F, 1.2, 3), expected, rtol=1e-10, atol=1e-12)
     assert PaperEnergy(SPHERE, F, G, PARAMETERS)(1e6 * V.ravel())[0] == np.inf
 
 
-def test_minimise_goes_down_and_returns_the_lowest():
+def test_minimisation_lowers_the_energy():
     mesh = icosphere(2, radius=3.0)
     f, g = bumps(mesh)
     result = minimise(mesh, f, g, PARAMETERS, seconds=1.0)
@@ -116,8 +115,7 @@ def test_minimise_goes_down_and_returns_the_lowest():
     assert_allclose(energy, result.energy, rtol=1e-8)
 
 
-def test_minimise_stops():
-    """The minimisation stops at the time limit, or at an exact match."""
+def test_minimisation_stops_at_limit_or_exact_match():
     result = minimise(SPHERE, F, G, PARAMETERS, seconds=0.0)
     assert result.stop_reason == "time limit"
     assert result.evaluations == len(result.history) == 1

@@ -16,13 +16,13 @@ from benchmarks.success import GOAL, record_of
 from benchmarks.trials import Trials
 from tests.shapes import icosphere, square
 
-SHORT = {"iterations": 15, "refine": 0}
+SHORT_RUN = {"iterations": 15, "refine": 0}
 BALL = icosphere(2)
 TRIALS = Trials({"ball": BALL}, count=2)
 
 
 def run(*given, **changes):
-    return success.run(replace(TRIALS, **changes), *given, **SHORT)
+    return success.run(replace(TRIALS, **changes), *given, **SHORT_RUN)
 
 
 @pytest.fixture(scope="module")

@@ -21,6 +21,7 @@ from abfm.tasks import Monitor
 from abfm.workers.progress import reporting_steps
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, Warned, pair, results
+from tests.mesh_writers import off_file
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -74,12 +75,7 @@ def test_products_are_unknown_in_a_shared_process(tmp_path):
 def done(tmp_path_factory):
     """Solve rows once; return rows, folder, entries, and the entries passed to ``on_change``."""
     folder, changed = tmp_path_factory.mktemp("done"), []
-    ball_file = folder / "ball.off"
-    ball = icosphere(2)
-    lines = [f"OFF\n{len(ball.vertices)} {len(ball.faces)} 0"]
-    lines += [" ".join(map(repr, map(float, each))) for each in ball.vertices]
-    lines += [f"3 {a} {b} {c}" for a, b, c in ball.faces]
-    ball_file.write_text("\n".join(lines))
+    off_file(folder / "ball.off", ball := icosphere(2))
     np.save(folder / "z.npy", ball.vertices[:, 2])
     (folder / "broken.off").write_text("OFF\n3 1 0\n0 0 0\n")
     sphere = {"a": "ball.off", "b": "ball.off", "source": "coordinate:x", "target": "coordinate:y"}
@@ -242,8 +238,8 @@ def test_only_missing_results_are_solved_again(done, tmp_path):
     content, changed = lost.path.read_bytes(), []
     lost.path.unlink()
     assert Ledger(folder).entry(lost.row).state == "missing"
-    for left in (b"", content[:-300]):  # as after an interrupted copy
-        lost.path.write_bytes(left)
+    for part in (b"", content[:-300]):  # as after an interrupted copy
+        lost.path.write_bytes(part)
         assert Ledger(folder).entry(lost.row).state == "missing"
     run(good, folder, ONE, on_change=lambda entry: changed.append(entry.row.name))
     assert changed == ["second"]

@@ -40,7 +40,7 @@ def comparison(poses):
 
 
 @pytest.mark.parametrize("figure", [11, 12, 13])
-def test_default_meshes(figure):
+def test_default_meshes_have_maps_and_coordinates(figure):
     example, found = ran(figure)
     json.dumps([measure.to_dict() for measure in found.measures])
     assert_maps_are_measured(found)

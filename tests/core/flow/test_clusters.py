@@ -274,7 +274,7 @@ def test_even_meshes_have_no_clusters(name):
 
 
 KNOTS = UNEVEN["knots"]
-MANY, FEW = len(KNOTS.vertices), vertex_clusters(KNOTS).max() + 1
+VERTEX_COUNT, CLUSTER_COUNT = len(KNOTS.vertices), vertex_clusters(KNOTS).max() + 1
 F, G = (bump(KNOTS, [np.cos(angle), np.sin(angle), 0], 0.2) for angle in (0.0, 0.6))
 
 
@@ -303,8 +303,11 @@ def test_match_starts_with_clusters():
     np.testing.assert_array_equal(again.velocity, found.velocity)
     seen, products = record
     assert seen == sorted(seen)
-    assert (seen[0], seen[-1]) == ((0, 2, FEW), (0, 2, FEW))  # no finer level is needed
-    assert set(matched(goal=0.01, refine=0)[1]) == {(0, 2, FEW), (1, 2, MANY)}
+    assert (seen[0], seen[-1]) == (
+        (0, 2, CLUSTER_COUNT),
+        (0, 2, CLUSTER_COUNT),
+    )  # no finer level is needed
+    assert set(matched(goal=0.01, refine=0)[1]) == {(0, 2, CLUSTER_COUNT), (1, 2, VERTEX_COUNT)}
     cut = matched(end=12)[0]
     assert (cut.stop_reason, len(cut.energy_history)) == ("cancelled", 13)
     for match in (found, cut):
@@ -319,13 +322,17 @@ def test_match_starts_with_clusters():
     "changes", [{"levels": 1}, {"gradient": "bracket"}, {"method": "linearised"}]
 )
 def test_some_matches_have_no_clusters(changes):
-    assert {of_one[1:] for of_one in matched(iterations=3, **changes)[1]} == {(1, MANY)}
+    assert {of_one[1:] for of_one in matched(iterations=3, **changes)[1]} == {(1, VERTEX_COUNT)}
 
 
 def test_clusters_are_a_level_before_the_mesh():
     E, x = MatchingEnergy(KNOTS, F, G, abfm.Parameters.of(levels=2)), fields(KNOTS, 1)
     found = Levels.of_mesh(E).with_coarser().all
-    assert [level.energy.discretisation.size for level in found] == [MANY // 4, FEW, MANY]
+    assert [level.energy.discretisation.size for level in found] == [
+        VERTEX_COUNT // 4,
+        CLUSTER_COUNT,
+        VERTEX_COUNT,
+    ]
     assert found[1].fields_to_finer(x) is x
     near(found[1].fields_from_finer(to_ambient(E.mesh, x)), x, 1e-12)
     few, many = (level.energy.flow(x).exponent for level in found[1:])

@@ -140,7 +140,7 @@ def test_distortion_is_measured_inside_faces():
 
 @pytest.mark.parametrize("seed", range(7))
 @pytest.mark.parametrize("t", [0.6, 1.2])
-def test_folded_faces_of_smooth_flows(seed, t):
+def test_smooth_flows_fold_no_face(seed, t):
     flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
     there, back = flow.point_map(t, inverse=True), flow.point_map(t)
     for found in (there, back):

@@ -19,7 +19,7 @@ from tests.processes import python
 from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
 MESH, TINY = icosphere(1), icosphere(0)
-COUNT, FEW = len(MESH.vertices), len(TINY.vertices)
+COUNT, SIZE = len(MESH.vertices), len(TINY.vertices)
 VALUES = np.random.default_rng(5).standard_normal(COUNT)
 MIRRORED = ellipsoid(2, 1, 0.7, 0.5)
 SWAP = detect_symmetry(MIRRORED, "mirror").vertex_map
@@ -348,7 +348,7 @@ def check_outcomes(path):
             line = str(error)
             assert line.isprintable()
         else:
-            assert values.shape == (FEW,)
+            assert values.shape == (SIZE,)
             assert np.isfinite(values).all()
 
 
@@ -382,7 +382,7 @@ assert (function(mesh, f"permuted:{path}(coordinate:x)") == vertices[::-1, 0]).a
 
 def test_map_memory_is_bounded_for_large_files(tmp_path):
     """Vertex numbers far above those of the mesh need only a few numbers per file vertex."""
-    arrays = {"vertices": TINY.vertices, "faces": TINY.faces, "map": np.arange(FEW)[::-1] + 7}
+    arrays = {"vertices": TINY.vertices, "faces": TINY.faces, "map": np.arange(SIZE)[::-1] + 7}
     for name, array in arrays.items():
         np.save(tmp_path / f"{name}.npy", array)
     assert python(FAR_NUMBERS, *(tmp_path / f"{name}.npy" for name in arrays)).stderr == ""
@@ -390,8 +390,8 @@ def test_map_memory_is_bounded_for_large_files(tmp_path):
 
 def test_mesh_with_vertex_numbers():
     complete = with_loose_vertex(TINY)
-    ids = np.delete(np.arange(FEW + 1), 5)
-    again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, FEW + 1))
+    ids = np.delete(np.arange(SIZE + 1), 5)
+    again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, SIZE + 1))
     assert again.messages == complete.messages
     assert (again.vertex_ids == complete.vertex_ids).all()
     assert again.file_vertex_count == complete.file_vertex_count

@@ -31,8 +31,8 @@ COUNT = len(MESH.vertices)
 RANDOM = np.random.default_rng(3)
 VALUES = RANDOM.standard_normal(COUNT).astype(np.float32).astype(np.float64)
 ORDER = RANDOM.permutation(COUNT)
-SOME = ORDER[:10]
-SPARSE = np.where(np.isin(np.arange(COUNT), SOME), VALUES, np.nan)
+SUBSET = ORDER[:10]
+SUBSET_VALUES = np.where(np.isin(np.arange(COUNT), SUBSET), VALUES, np.nan)
 NONE, NODES = "NIFTI_INTENT_NONE", "NIFTI_INTENT_NODE_INDEX"
 
 
@@ -78,11 +78,13 @@ def test_node_indices_number_the_rows(tmp_path, place):
 
     path = write("a.func.gii", [(NONE, VALUES[ORDER])], ORDER)
     assert_array_equal(value_of(path), VALUES)
-    path = write("b.func.gii", [(NONE, VALUES[SOME]), (NONE, -VALUES[SOME])], SOME)
-    assert_array_equal(read_values(path, MESH).values, np.stack([SPARSE, -SPARSE], axis=1))
-    assert_array_equal(read_frames(path, MESH).values, np.stack([SPARSE, -SPARSE]))
-    path = write("c.label.gii", [("NIFTI_INTENT_LABEL", SOME % 3)], SOME)
-    expected = np.where(np.isnan(SPARSE), NO_LABEL, np.arange(COUNT) % 3)
+    path = write("b.func.gii", [(NONE, VALUES[SUBSET]), (NONE, -VALUES[SUBSET])], SUBSET)
+    assert_array_equal(
+        read_values(path, MESH).values, np.stack([SUBSET_VALUES, -SUBSET_VALUES], axis=1)
+    )
+    assert_array_equal(read_frames(path, MESH).values, np.stack([SUBSET_VALUES, -SUBSET_VALUES]))
+    path = write("c.label.gii", [("NIFTI_INTENT_LABEL", SUBSET % 3)], SUBSET)
+    expected = np.where(np.isnan(SUBSET_VALUES), NO_LABEL, np.arange(COUNT) % 3)
     assert_array_equal(read_labels(path, mesh=MESH).values, expected)
     assert_array_equal(value_of(path, ",label=2"), expected == 2)
     path = write("d.gii", [(NONE, ORDER[::-1])], ORDER)
@@ -132,8 +134,8 @@ def test_vertex_array_numbers_the_rows(tmp_path, ending):
 
     write(vertex=ORDER, v=VALUES[ORDER])
     assert_array_equal(value_of(path), VALUES)
-    write(Node=SOME, v=VALUES[SOME])
-    assert_array_equal(value_of(path, ",column=v"), SPARSE)
+    write(Node=SUBSET, v=VALUES[SUBSET])
+    assert_array_equal(value_of(path, ",column=v"), SUBSET_VALUES)
     write(index=ORDER, frames=np.stack([VALUES, -VALUES])[:, ORDER])
     assert_array_equal(read_frames(path, MESH).values, np.stack([VALUES, -VALUES]))
     write(vertex=ORDER / 2, v=VALUES)
@@ -141,7 +143,7 @@ def test_vertex_array_numbers_the_rows(tmp_path, ending):
         value_of(path)
     write(vertex=ORDER)
     assert_array_equal(value_of(path), ORDER)
-    write(vertex=SOME, v=VALUES)  # vertex numbers of another table
+    write(vertex=SUBSET, v=VALUES)  # vertex numbers of another table
     assert_array_equal(value_of(path), VALUES)
 
 
@@ -171,11 +173,6 @@ def test_comment_above_numbers_names_the_columns(tmp_path):
     columns = np.column_stack([ORDER, VALUES[ORDER]])
     np.savetxt(tmp_path / "a.txt", columns, header="vertex depth", fmt="%.17g")
     assert_array_equal(value_of(tmp_path / "a.txt"), VALUES)
-
-
-def test_columns_set_values_of_their_vertices():
-    found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
-    assert_array_equal(found.values[:, 0], SPARSE)
 
 
 @pytest.mark.parametrize("shape", [(1, COUNT), (COUNT, 1), (COUNT, 1, 1), (1, 1, COUNT)])
@@ -297,9 +294,9 @@ def test_labels_are_recognized_without_intent(tmp_path):
 
 
 def test_integer_tables_are_labels(tmp_path):
-    text = "vertex,key\n" + rows(SOME.tolist(), (SOME % 3).tolist())
+    text = "vertex,key\n" + rows(SUBSET.tolist(), (SUBSET % 3).tolist())
     path = table(tmp_path / "a.csv", text)
-    expected = np.where(np.isnan(SPARSE), NO_LABEL, np.arange(COUNT) % 3)
+    expected = np.where(np.isnan(SUBSET_VALUES), NO_LABEL, np.arange(COUNT) % 3)
     assert_array_equal(read_labels(path, mesh=MESH).values, expected)
     with raises(FunctionError, "mesh"):
         read_labels(path)

@@ -23,7 +23,7 @@ PARAMETERS = abfm.Parameters.of(iterations=1, refine=0)
 START = maps.vertex_points(MESH, [3])
 
 
-SAME = {
+EQUAL_LAYOUTS = {
     "read-only": lambda x: np.broadcast_to(x, x.shape),
     "column-major": np.asfortranarray,
     "strided": lambda x: np.repeat(x, 2, axis=0)[::2],
@@ -32,7 +32,7 @@ SAME = {
     "long double": lambda x: x.astype(np.longdouble),
     "list": lambda x: x.tolist(),
 }
-OTHER = {
+OTHER_ARRAYS = {
     "single": lambda x: x.astype(np.float32),
     "half": lambda x: x.astype(np.float16),
     "boolean": lambda x: x > 0,
@@ -139,15 +139,15 @@ def refused(call, given):
 def test_memory_layouts_have_no_influence(calls, array):
     for name, call in calls.items():
         expected = call(array)
-        for what, same in SAME.items():
+        for what, same in EQUAL_LAYOUTS.items():
             assert np.array_equal(call(same(array)), expected), (name, what)
 
 
-@pytest.mark.parametrize("what", OTHER)
+@pytest.mark.parametrize("what", OTHER_ARRAYS)
 def test_other_arrays_are_accepted_or_refused(what):
     for calls, array in ((OF_FUNCTIONS, F), (OF_FIELDS, V)):
         for call in calls.values():
-            is_refused = refused(call, OTHER[what](array))
+            is_refused = refused(call, OTHER_ARRAYS[what](array))
             assert is_refused or what in ACCEPTED or call is OF_FUNCTIONS["blend"]
 
 
@@ -158,7 +158,7 @@ def test_other_numbers_are_accepted_or_refused(what):
     assert all(refused(OF_NUMBERS[what], wrong) for wrong in NO_NUMBERS)
 
 
-FLAT = np.zeros(len(MESH.vertices))
+ZEROS = np.zeros(len(MESH.vertices))
 POINTS = np.eye(len(MESH.vertices))
 OPTIONS = [
     {},
@@ -190,12 +190,12 @@ def outcome_of(call):
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_equal_constant_and_distant_functions(options):
-    for f, kind in ((F, "matched"), *((f, "impossible") for f in (FLAT, FLAT + 3, -0.0 * F))):
+    for f, kind in ((F, "matched"), *((f, "impossible") for f in (ZEROS, ZEROS + 3, -0.0 * F))):
         match = matched(f, f, **options)
         assert (match.residual, match.verdict.kind, match.velocity.any()) == (0, kind, False)
-    check_message(matched(FLAT, G, **options).verdict.reason)
-    check_message(matched(F, FLAT + 1, **options).verdict.reason)
-    assert matched(FLAT + 1, FLAT + 2, **options).verdict.kind == "impossible"
+    check_message(matched(ZEROS, G, **options).verdict.reason)
+    check_message(matched(F, ZEROS + 1, **options).verdict.reason)
+    assert matched(ZEROS + 1, ZEROS + 2, **options).verdict.kind == "impossible"
     assert matched(-F, F, **options).verdict.kind == "impossible"
     far = matched(POINTS[3], POINTS[80], **options).verdict
     assert far.kind in ("not reached", "nearly", "matched")
@@ -291,14 +291,14 @@ def test_parameters_out_of_range_are_refused(name, value):
 def test_extreme_units_may_be_combined(sigma, size, weight, unit):
     f, g = (0.99 * size * h / F.max() if size == VALUE_MAX else 2 * size * h for h in (F, G))
     p = Parameters.of(iterations=2, sigma=sigma, sigma_unit=unit)
-    mask = np.full(len(FLAT), weight)
+    mask = np.full(len(ZEROS), weight)
     outcome = outcome_of(lambda: abfm.match(MESH, f, g, p, weights=[weight], mask=mask))
     assert "scale" in outcome or 0 < float(outcome) < 2
 
 
 @pytest.mark.parametrize("name", ["mask", "weights"])
 def test_extreme_masks_and_weights_are_refused(name):
-    count = len(FLAT) if name == "mask" else 1
+    count = len(ZEROS) if name == "mask" else 1
     for value in (1e-31, 1e31, 5e-324, 1e308):
         with raises(abfm.ParameterError, name):
             abfm.match(MESH, F, G, **{name: np.full(count, value)})

@@ -54,7 +54,7 @@ def test_match_ignores_values_below_the_mask(matched, kind):
     assert_same(matched, abfm.match(MESH, spoiled(F, kind), spoiled(G, kind), BRIEF, mask=MASK))
 
 
-def test_default_match_with_coarse_and_fine_meshes():
+def test_refined_match_ignores_values_below_the_mask():
     one, other = (
         abfm.match(MESH, *pair, Parameters.of(iterations=60), mask=MASK)
         for pair in ((F, G), (spoiled(F, "noise"), spoiled(G, "large noise")))

@@ -412,7 +412,7 @@ def test_unknown_values_round_trip(path):
 
 def test_remedies_round_trip(matched, file):
     closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
-    remedies = Remedy("Continue", "go on", {}, True), closer
+    remedies = Remedy("Continue", "resume the match", {}, True), closer
     judged = replace(matched, verdict=replace(matched.verdict, remedies=remedies))
     judged.save(file)
     assert load(file).verdict == judged.verdict

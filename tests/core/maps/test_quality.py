@@ -78,7 +78,7 @@ def test_sampled_vertices_are_deterministic():
     st.lists(st.floats(0, 2), min_size=1, max_size=30),
     st.lists(st.floats(-1, 3), min_size=1, max_size=9),
 )
-def test_share_under_a_bound(errors, bounds):
+def test_share_under_a_bound_counts_errors(errors, bounds):
     accuracy = MapAccuracy(np.arange(len(errors)), np.array(errors))
     expected = [np.mean(np.array(errors) <= bound) for bound in bounds]
     assert_array_equal(accuracy.share_under(bounds), expected)
@@ -86,7 +86,7 @@ def test_share_under_a_bound(errors, bounds):
     assert accuracy.median <= accuracy.maximum
 
 
-def test_reports_and_faults():
+def test_quality_beyond_a_bound_is_a_fault():
     accuracy = MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3]))
     errors, bounds = ("0.0925", "0.0350", "0.3000"), ("0.05", "0.1", "0.25")
     check_message(accuracy.report(), *errors, "50.0", "75.0", *bounds)

@@ -12,7 +12,7 @@ from abfm.mesh.shapes import even_sphere
 from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, square, torus
 
-BALL, OTHER = icosphere(3), even_sphere(700)
+BALL, EVEN_BALL = icosphere(3), even_sphere(700)
 
 
 def somewhere(mesh, count=500, seed=0):
@@ -23,10 +23,10 @@ def somewhere(mesh, count=500, seed=0):
 
 @pytest.mark.parametrize("mirror", [1, -1])
 def test_directions_and_points_are_inverse(mirror):
-    turned = Rotation.random(rng=3).apply(OTHER.vertices.copy()) * [mirror, 1, 1]
-    layout = SphereLayout(OTHER, turned)
+    turned = Rotation.random(rng=3).apply(EVEN_BALL.vertices.copy()) * [mirror, 1, 1]
+    layout = SphereLayout(EVEN_BALL, turned)
     assert layout.sign == mirror
-    points = somewhere(OTHER)
+    points = somewhere(EVEN_BALL)
     found = layout.locate(layout.directions_of(points))
     assert_allclose(found.positions, points.positions, atol=1e-13)
     directions = np.random.default_rng(1).normal(size=(500, 3))
@@ -35,14 +35,14 @@ def test_directions_and_points_are_inverse(mirror):
 
 
 def test_map_of_two_layouts_has_an_exact_inverse():
-    one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(OTHER, OTHER.vertices)
+    one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(EVEN_BALL, EVEN_BALL.vertices)
     to_other, to_ball = map_through_sphere(one, other), map_through_sphere(other, one)
     points = somewhere(BALL)
     assert_allclose(to_ball.at(to_other.at(points)).positions, points.positions, atol=1e-12)
     assert to_other.distortion().folded == 0
     h = BALL.vertices @ [1.0, 2, 3]
     # linear interpolation on two meshes differs by about the squared edge length
-    assert np.abs(to_ball.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
+    assert np.abs(to_ball.pull_back(h) - EVEN_BALL.vertices @ [1.0, 2, 3]).max() < 0.03
 
 
 def test_directions_are_those_of_moved_spheres():
@@ -94,7 +94,7 @@ def test_directions_in_a_hole_give_the_nearest_boundary(power):
 @pytest.mark.parametrize(
     ("directions", "named"),
     [
-        (OTHER.vertices, 642),
+        (EVEN_BALL.vertices, 642),
         (np.zeros((642, 3)), ""),
         (np.full((642, 3), np.nan), ""),
         (np.random.default_rng(0).normal(size=(642, 3)), ""),

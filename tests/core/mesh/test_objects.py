@@ -113,9 +113,10 @@ def test_objects_are_converted(given):
     assert_array_equal(mesh.faces, F)
 
 
-def test_gifti_image_is_converted():
-    mesh = load_mesh(gifti(V, F))
-    assert_array_equal(mesh.vertices, np.float32(V))
+@pytest.mark.parametrize("types", [("float32", "int32"), ("float64", "int64")])
+def test_gifti_images_of_any_type_are_converted(types):
+    mesh = load_mesh(gifti(V, F, *types))
+    assert_array_equal(mesh.vertices, V.astype(types[0]))
     assert_array_equal(mesh.faces, F)
 
 
@@ -143,12 +144,6 @@ def test_strips_become_oriented_triangles():
     assert len(mesh.faces) == len(F)
     assert not mesh.messages
     assert mesh.length_scale == pytest.approx(SPHERE.length_scale)
-
-
-def test_nonstandard_gifti_types_are_read():
-    mesh = load_mesh(gifti(V, F, "float64", "int64"))
-    assert_array_equal(mesh.vertices, V)
-    assert_array_equal(mesh.faces, F)
 
 
 def test_hemisphere_is_chosen():

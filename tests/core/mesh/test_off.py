@@ -22,32 +22,32 @@ def off(prefix="", more="", counts="5 5 8", face_end="", scale=1, joint="\n"):
     return joint.join([f"{prefix}OFF", counts, *points, *faces]) + "\n"
 
 
-PLAIN = off()
-WORDS = PLAIN.split()
+PLAIN_OFF = off()
+WORDS = PLAIN_OFF.split()
 SPELLINGS = {
-    "plain": PLAIN,
-    "counts behind the keyword": PLAIN.replace("OFF\n", "OFF "),
-    "counts in the keyword": PLAIN.replace("OFF\n", "OFF"),
+    "plain": PLAIN_OFF,
+    "counts behind the keyword": PLAIN_OFF.replace("OFF\n", "OFF "),
+    "counts in the keyword": PLAIN_OFF.replace("OFF\n", "OFF"),
     "counts on three lines": off(counts="5\n5\n8"),
     "no number of edges": off(counts="5 5"),
-    "no header": PLAIN.removeprefix("OFF\n"),
-    "small letters": PLAIN.lower(),
-    "comments": "# made\n" + PLAIN.replace("5 5 8", "5 5 8 # counts\n\n# vertices"),
+    "no header": PLAIN_OFF.removeprefix("OFF\n"),
+    "small letters": PLAIN_OFF.lower(),
+    "comments": "# made\n" + PLAIN_OFF.replace("5 5 8", "5 5 8 # counts\n\n# vertices"),
     "a word a line": "\n".join(WORDS),
     "one line": " ".join(WORDS),
-    "faces on one line": PLAIN.replace("\n4 0", "\n4 0")
+    "faces on one line": PLAIN_OFF.replace("\n4 0", "\n4 0")
     .replace("1\n3", "1 3")
     .replace("4\n3", "4 3"),
     "wrapped vertices, coloured faces": off(face_end=" 255 0 0").replace("1 0 0\n", "1\n0 0\n"),
     "colours of faces": off(face_end=" 0.5 0.25 1 1"),
-    "number of a colour of some faces": PLAIN.replace("4 0 3 2 1", "4 0 3 2 1 7"),
-    "edges behind the faces": PLAIN + "2 0 1\n",
-    "exponents of Fortran": PLAIN.replace("0 0 2", "0.0D+00 0 2.0d0"),
-    "line ends of Windows": PLAIN.replace("\n", "\r\n"),
-    "line ends of old Macs": PLAIN.replace("\n", "\r"),
-    "byte order mark": b"\xef\xbb\xbf" + PLAIN.encode(),
-    "UTF-16": PLAIN.encode("utf-16"),
-    "UTF-16 without a mark": PLAIN.encode("utf-16-be"),
+    "number of a colour of some faces": PLAIN_OFF.replace("4 0 3 2 1", "4 0 3 2 1 7"),
+    "edges behind the faces": PLAIN_OFF + "2 0 1\n",
+    "exponents of Fortran": PLAIN_OFF.replace("0 0 2", "0.0D+00 0 2.0d0"),
+    "line ends of Windows": PLAIN_OFF.replace("\n", "\r\n"),
+    "line ends of old Macs": PLAIN_OFF.replace("\n", "\r"),
+    "byte order mark": b"\xef\xbb\xbf" + PLAIN_OFF.encode(),
+    "UTF-16": PLAIN_OFF.encode("utf-16"),
+    "UTF-16 without a mark": PLAIN_OFF.encode("utf-16-be"),
     "4OFF": off("4", "2", scale=2),
     "4OFF, wrapped": off("4", "2", scale=2, joint=" "),
     **{
@@ -94,13 +94,13 @@ def test_binary_off_is_read(tmp_path, prefix, more):
 
 
 REFUSED = {
-    "decimal commas": (PLAIN.replace("0 0 2", "0,5 0 2"), ("0,5", "decimal")),
-    "any dimension": ("nOFF\n3\n" + PLAIN.removeprefix("OFF\n"), ("nOFF",)),
+    "decimal commas": (PLAIN_OFF.replace("0 0 2", "0,5 0 2"), ("0,5", "decimal")),
+    "any dimension": ("nOFF\n3\n" + PLAIN_OFF.removeprefix("OFF\n"), ("nOFF",)),
     "at infinity": (off("4", "0"), (0,)),
-    "an edge as a face": (PLAIN.replace("3 0 1 4", "2 0 1"), (1, 2)),
-    "cut off": (PLAIN[:-8], (5, 9)),
+    "an edge as a face": (PLAIN_OFF.replace("3 0 1 4", "2 0 1"), (1, 2)),
+    "cut off": (PLAIN_OFF[:-8], (5, 9)),
     "words cut off": (" ".join(WORDS[:-2]), ()),
-    "beyond": (PLAIN.replace("3 0 1 4", "3 0 1 5"), (5,)),
+    "beyond": (PLAIN_OFF.replace("3 0 1 4", "3 0 1 5"), (5,)),
 }
 
 

@@ -33,10 +33,11 @@ def with_outlier(outlier):
     return data_of([*ALIKE, outlier])
 
 
-def test_similar_subjects_are_included():
+def test_equally_different_subjects_are_included():
     found = find_outliers(data_of(ALIKE))
     assert found.fits.all()
     assert set(found.reasons) == {""}
+    assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 
 def test_unrelated_function_is_an_outlier():
@@ -67,10 +68,6 @@ def test_few_subjects_have_no_outliers():
     few = find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 2], RNG.normal(size=200)]))
     assert few.fits.all()
     assert not find_outliers(data_of([*ALIKE[: SUBJECTS_MIN - 1], RNG.normal(size=200)])).fits.all()
-
-
-def test_equally_different_subjects_are_included():
-    assert find_outliers(data_of(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
 
 
 def test_order_does_not_change_outliers():

@@ -105,6 +105,16 @@ class Place:
         self.subjects.append(Subject(name, tuple(texts), **more))
         return self
 
+    def add_equal(self, names, *values):
+        for name in names:
+            self.add(name, *values)
+        return self
+
+    def add_moved(self, *names):
+        for name in names:
+            self.add(name, pushed(FIELDS[name], height))
+        return self
+
     def registered(self, settings=SHORT, held_out=(), order=None, **more):
         channels = Channel("height"), *(Channel(name, is_held_out=True) for name in held_out)
         subjects = self.subjects if order is None else [self.subjects[i] for i in order]
@@ -157,10 +167,7 @@ def error(mean, f=height):
 
 
 def test_equal_subjects_equal_their_mean(tmp_path):
-    place = Place(tmp_path)
-    for name in "abc":
-        place.add(name, height(MESH.vertices))
-    found = place.registered()
+    found = Place(tmp_path).add_equal("abc", height(MESH.vertices)).registered()
     assert found.mean() == pytest.approx(height(MESH.vertices), abs=1e-9)
     assert found.deviation() == pytest.approx(0, abs=1e-7)
     assert found.log2_area_deviation == pytest.approx(0, abs=1e-7)
@@ -171,10 +178,7 @@ def test_equal_subjects_equal_their_mean(tmp_path):
 
 def test_template_object_preserves_vertex_numbers(tmp_path):
     """Functions and vertex numbers count unused vertices of the template, which come first."""
-    place = Place(tmp_path)
-    for name in ("plus", "minus"):
-        place.add(name, pushed(FIELDS[name], height))
-    settings = Settings(options=BRIEF, rounds=1)
+    place, settings = Place(tmp_path).add_moved("plus", "minus"), Settings(options=BRIEF, rounds=1)
     of_file = place.registered(settings)
 
     unused = np.full((2, 3), 0.1)
@@ -196,10 +200,7 @@ def test_template_object_preserves_vertex_numbers(tmp_path):
 
 
 def test_opposite_flows_have_the_template_as_mean(tmp_path):
-    place = Place(tmp_path)
-    for name in ("plus", "minus"):
-        place.add(name, pushed(FIELDS[name], height))
-    found = place.registered()
+    found = Place(tmp_path).add_moved("plus", "minus").registered()
     assert error(found.before[0, :, 0]) > 0.35  # the error of the initial map
     assert error(found.mean()) < 0.6 * error(found.plain_mean()) < 0.1
     phase = found.phase_and_amplitude()
@@ -216,11 +217,11 @@ def test_template_does_not_drift_to_first_target(tmp_path):
     own = place.file("own", height(MESH.vertices))
     found = place.registered(Settings({"height": own}, options=BRIEF, rounds=2))
 
-    def off(values):
+    def deviation(values):
         return np.sqrt(np.mean((values - middle) ** 2) / np.var(middle))
 
-    assert off(height(MESH.vertices)) > 0.2
-    assert off(found.mean()) < 0.05
+    assert deviation(height(MESH.vertices)) > 0.2
+    assert deviation(found.mean()) < 0.05
     # the drift is small, because the last target is at the center
     assert (
         np.linalg.norm(found.drift, axis=1).mean() < 0.1 * np.linalg.norm(field(1), axis=1).mean()
@@ -404,9 +405,7 @@ def test_rotated_surface_has_the_same_population(tmp_path):
     turned = TriangleMesh(3 * MESH.vertices @ turn.T, MESH.faces)
     found = []
     for name, mesh in (("one", MESH), ("other", turned)):
-        place = Place(tmp_path / name, mesh)
-        for subject in ("plus", "minus"):
-            place.add(subject, pushed(FIELDS[subject], height))
+        place = Place(tmp_path / name, mesh).add_moved("plus", "minus")
         found.append(place.registered(Settings(options=BRIEF, rounds=1)))
     one, other = found
     assert one.mean() == pytest.approx(other.mean(), abs=0.01)
@@ -451,8 +450,7 @@ def test_unknown_values_of_a_subject_are_ignored(tmp_path):
 def test_unknown_values_of_the_template_are_ignored(tmp_path):
     place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
     own = place.file("own", np.where(hidden, np.nan, height(MESH.vertices)))
-    for name in ("a", "b"):
-        place.add(name, height(MESH.vertices))
+    place.add_equal("ab", height(MESH.vertices))
     found = place.registered(Settings({"height": own}, options=BRIEF, rounds=1))
     assert found.fits.all()
     assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
@@ -460,8 +458,7 @@ def test_unknown_values_of_the_template_are_ignored(tmp_path):
 
 def test_disjoint_channels_exclude_a_subject(tmp_path):
     place, upper = Place(tmp_path), MESH.vertices[:, 2] > 0
-    for name in "abc":
-        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    place.add_equal("abc", height(MESH.vertices), label(MESH.vertices))
     halves = [np.where(half, height(MESH.vertices), np.nan) for half in (upper, ~upper)]
     place.add("d", *halves)
     found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
@@ -496,7 +493,7 @@ def test_other_surfaces_use_initial_maps(tmp_path):
 
 @pytest.mark.parametrize(("word", "needs"), [("embedding", "functions"), ("landmarks", "landm")])
 def test_initial_map_without_functions_is_refused(tmp_path, word, needs):
-    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
+    place = Place(tmp_path).add_equal("ab", height(MESH.vertices))
     with raises(ParameterError, word, "--channel"):
         place.registered(Settings(initial=word))
 
@@ -553,8 +550,7 @@ def test_spectral_initial_maps_need_no_functions(tmp_path):
     x, y, z = ball.vertices.T
     sizes = np.stack([1 + 0.3 * z, 1.4 + 0.2 * x, 2 + 0 * y], axis=1)
     place = Place(tmp_path, TriangleMesh(ball.vertices * sizes, ball.faces))
-    for name in "ab":
-        place.add(name, height(ball.vertices))
+    place.add_equal("ab", height(ball.vertices))
     found = place.registered(Settings(initial="spectral", options=BRIEF, rounds=1))
     assert np.std(found.mean() - height(ball.vertices)) < 0.1 * np.std(height(ball.vertices))
 
@@ -573,9 +569,9 @@ def test_heavier_channel_is_matched(tmp_path):
         return abfm.register_population(cohort, place.template, place.folder / "out", settings)
 
     first, second = registered(label=1e-3), registered(height=1e-3)
-    left = [[error(found.values[0, :, 0]) for found in (first, second)]]
-    left += [[error(found.values[0, :, 1], label) for found in (second, first)]]
-    for follows, does_not in left:
+    errors = [[error(found.values[0, :, 0]) for found in (first, second)]]
+    errors += [[error(found.values[0, :, 1], label) for found in (second, first)]]
+    for follows, does_not in errors:
         assert follows < 0.5 * does_not
     assert first.channel_weights.tolist() == [1, 1e-3]
     # the similarity uses the same weights
@@ -586,7 +582,7 @@ def test_heavier_channel_is_matched(tmp_path):
 
 
 def test_channel_weight_1_changes_no_row(tmp_path, solved):
-    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
+    place = Place(tmp_path).add_equal("ab", height(MESH.vertices))
     place.registered(Settings(options=BRIEF, rounds=1))
     solved.clear()
     place.registered(Settings(options=BRIEF, rounds=1, weights={"height": 1.0}))
@@ -595,8 +591,7 @@ def test_channel_weight_1_changes_no_row(tmp_path, solved):
 
 def test_failed_transfer_excludes_a_subject(tmp_path):
     place, gone = Place(tmp_path), f"file:{tmp_path}/gone.npy"
-    for name in "abc":
-        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    place.add_equal("abc", height(MESH.vertices), label(MESH.vertices))
     place.subjects[1] = Subject("b", (place.subjects[1].functions[0], gone))
     found = place.registered(held_out=["label"])
     assert found.fits.tolist() == [True, False, True]
@@ -615,9 +610,7 @@ def test_failed_transfer_excludes_a_subject(tmp_path):
     ],
 )
 def test_settings_of_unknown_channels_are_refused(tmp_path, settings, named):
-    place = Place(tmp_path)
-    for name in "ab":
-        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    place = Place(tmp_path).add_equal("ab", height(MESH.vertices), label(MESH.vertices))
     with raises(ParameterError, named):
         place.registered(Settings(**settings), held_out=["label"])
 
@@ -640,9 +633,7 @@ def test_invalid_settings_are_refused(settings, named):
 
 
 def test_failed_registration_excludes_a_subject(tmp_path):
-    place = Place(tmp_path)
-    for name in "abc":
-        place.add(name, height(MESH.vertices))
+    place = Place(tmp_path).add_equal("abc", height(MESH.vertices))
     place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
     changed = []
     found = place.registered(on_change=changed.append)
@@ -663,9 +654,7 @@ def test_one_registered_subject_is_refused(tmp_path):
 
 
 def test_cancelled_run_resumes(tmp_path, solved):
-    place, control = Place(tmp_path), Control()
-    for name in ("plus", "minus", "still"):
-        place.add(name, pushed(FIELDS[name], height))
+    place, control = Place(tmp_path).add_moved("plus", "minus", "still"), Control()
     with pytest.raises(CancelledError):
         place.registered(on_change=lambda entry: control.cancel(), control=control)
     assert len(solved) == 4  # three transfers for the first target, and one registration

@@ -131,6 +131,8 @@ def test_heights_are_amplitude_only():
     part = phase_and_amplitude(moments(x), moments(x), np.ones(400))
     assert part.amplitude == pytest.approx(part.total) == pytest.approx(0.5 * np.var([0.5, 1, 1.5]))
     assert part.phase == pytest.approx(0, abs=1e-12)
+    equal = np.stack([np.sin(ANGLES)] * 3)
+    assert phase_and_amplitude(moments(equal), moments(equal), np.ones(400))[:3] == (0, 0, 0)
 
 
 def test_shifts_and_heights_are_separated():
@@ -152,11 +154,6 @@ def test_only_points_known_before_and_after_count():
     assert part == pytest.approx(expected)
     nowhere = phase_and_amplitude(moments(x), moments(x, 0 * shares), np.ones(400))
     assert all(map(math.isnan, nowhere))
-
-
-def test_no_variance_has_no_parts():
-    x = np.stack([np.sin(ANGLES)] * 3)
-    assert phase_and_amplitude(moments(x), moments(x), np.ones(400))[:3] == (0, 0, 0)
 
 
 def test_array_stack_uses_a_temporary_file(tmp_path):

@@ -235,8 +235,8 @@ def test_gifti_external_doctype_is_accepted(tmp_path):
     assert array.values.tolist() == [1, 2, 3]
 
 
-ONE = 'Dimensionality="1" Dim0="{}"'
-LARGE = ONE.format(4000000000)
+ONE_DIMENSION = 'Dimensionality="1" Dim0="{}"'
+LARGE = ONE_DIMENSION.format(4000000000)
 
 BOMB = base64.b64encode(bomb(65 << 20)).decode()
 PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
@@ -253,17 +253,17 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("1 2 3", LARGE), ()),
         (gifti(PACKED, LARGE, "GZipBase64Binary"), ()),
         (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), ()),
-        (gifti(BOMB, ONE.format(1000), "GZipBase64Binary"), (4000,)),
+        (gifti(BOMB, ONE_DIMENSION.format(1000), "GZipBase64Binary"), (4000,)),
         (gzip.compress(bytes(65 << 20), 1), (67108864,)),
-        (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), (36, 40)),
-        (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), (32,)),
+        (gifti(PACKED, ONE_DIMENSION.format(10), "GZipBase64Binary"), (36, 40)),
+        (gifti(PACKED, ONE_DIMENSION.format(8), "GZipBase64Binary"), (32,)),
         (gifti("AAAA", encoding="Base64Binary"), (3, 12)),
         (gifti("A", encoding="Base64Binary"), ("base64",)),
         (gifti("1 2"), (3, 2)),
         (gifti("1 2 x"), ()),
         (gifti("1 2 3", ""), (0,)),
         (gifti("1 2 3", 'Dimensionality="9999999"'), (1, 6)),
-        (gifti("1 2 3", ONE.format(-3)), (-3, "Dim0")),
+        (gifti("1 2 3", ONE_DIMENSION.format(-3)), (-3, "Dim0")),
         (gifti("1 2 3", 'Dimensionality="1"'), ("Dim0",)),
         (gifti("1 2 3", encoding="x" * 1000), ()),
         (b'<!DOCTYPE GIFTI [<!ATTLIST MD a CDATA "aaaa">]><GIFTI><MD/></GIFTI>', ("<!DOCTYPE",)),

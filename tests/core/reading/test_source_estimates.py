@@ -22,7 +22,7 @@ def by_hand(tmin, tstep, vertices, values):
     return head + struct.pack(f">I{values.size}f", len(values), *values.ravel())
 
 
-WHOLE = by_hand(-100, 5, [3, 0, 7], np.arange(6.0).reshape(2, 3))
+COMPLETE_FILE = by_hand(-100, 5, [3, 0, 7], np.arange(6.0).reshape(2, 3))
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +31,13 @@ def folder(tmp_path_factory):
 
 
 def test_file_of_the_manual_is_read(folder):
-    (folder / "a-lh.stc").write_bytes(WHOLE)
+    (folder / "a-lh.stc").write_bytes(COMPLETE_FILE)
     found = read_stc((folder / "a-lh.stc").read_bytes())
     assert_array_equal(found.values.T, np.arange(6.0).reshape(2, 3), strict=True)
     assert found.vertices.tolist() == [3, 0, 7]
     assert_allclose(found.times, [-0.1, -0.095], rtol=1e-15)
     write_stc(folder / "b-lh.stc", found.values.T, found.vertices, found.times)
-    assert (folder / "b-lh.stc").read_bytes() == WHOLE
+    assert (folder / "b-lh.stc").read_bytes() == COMPLETE_FILE
 
 
 @given(seed=st.integers(0, 2**32 - 1), samples=st.integers(1, 5), count=st.integers(1, 9))
@@ -65,7 +65,7 @@ def test_source_estimates_round_trip(folder, seed, samples, count):
         (by_hand(0, 1, [4, 4], np.zeros((1, 2))), ()),
         (by_hand(0, 0, [4], np.zeros((1, 1))), (0,)),
         (by_hand(np.nan, 1, [4], np.zeros((1, 1))), ()),
-        (WHOLE + b"\0", (24, 25)),
+        (COMPLETE_FILE + b"\0", (24, 25)),
     ],
 )
 def test_inconsistent_files_are_refused(folder, content, named):

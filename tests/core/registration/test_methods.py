@@ -20,7 +20,7 @@ from tests.mesh_writers import off_text, write
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, torus
 
-BALL, OTHER = icosphere(2), even_sphere(300)
+BALL, EVEN_BALL = icosphere(2), even_sphere(300)
 BODY = five_limbs(200)
 
 
@@ -33,14 +33,14 @@ def pairs(count=4, seed=0):
     turn = 0.4 * z
     cosine, sine = np.cos(turn), np.sin(turn)
     twisted = np.stack([x * cosine - y * sine, x * sine + y * cosine, z], axis=1)
-    on_a = SphereLayout(OTHER, OTHER.vertices).locate(directions)
+    on_a = SphereLayout(EVEN_BALL, EVEN_BALL.vertices).locate(directions)
     on_b = SphereLayout(BALL, BALL.vertices).locate(twisted)
     return on_a, on_b
 
 
 def test_registration_by_landmarks_only(tmp_path):
     on_a, on_b = pairs()
-    found = register(OTHER, BALL, initial="sphere", landmarks=(on_a, on_b))
+    found = register(EVEN_BALL, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
     check_message(found.verdict.reason)
     assert found.distortion().folded == 0
@@ -68,10 +68,10 @@ def test_spheres_from_files_for_repaired_surfaces(tmp_path):
 
 def test_landmarks_need_no_functions():
     vertices = np.array([[0, 5], [20, 30], [100, 80]])
-    alone = prepare(OTHER, BALL, landmarks=vertices, initial="sphere").problem.landmarks
+    alone = prepare(EVEN_BALL, BALL, landmarks=vertices, initial="sphere").problem.landmarks
     assert_allclose(alone.points(BALL.normalized()).positions.shape, (3, 3))
     functions = ["coordinate:x"] * 2
-    problem = prepare(OTHER, BALL, *functions, landmarks=vertices, initial="sphere").problem
+    problem = prepare(EVEN_BALL, BALL, *functions, landmarks=vertices, initial="sphere").problem
     assert len(problem.landmarks) == 3
     assert_allclose(problem.target[:, 0], BALL.vertices[:, 0])
 
@@ -88,7 +88,7 @@ def test_landmarks_need_no_functions():
 )
 def test_invalid_landmarks_are_refused(given, error, named):
     with raises(error, *named):
-        prepare(OTHER, BALL, **given)
+        prepare(EVEN_BALL, BALL, **given)
 
 
 def moved(mesh):
@@ -144,17 +144,17 @@ def test_stretched_body_gives_a_warning():
 
 def test_distorted_maps_give_a_warning():
     long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
-    closest = initial_map("closest", MapInput(OTHER, long))
+    closest = initial_map("closest", MapInput(EVEN_BALL, long))
     assert closest.correspondence.distortion().log2_shape.mean > 1.2
     assert len(closest.warnings) == 1
-    assert not initial_map(closest.correspondence, MapInput(OTHER, long)).warnings
-    assert not initial_map("closest", MapInput(OTHER, BALL)).warnings
+    assert not initial_map(closest.correspondence, MapInput(EVEN_BALL, long)).warnings
+    assert not initial_map("closest", MapInput(EVEN_BALL, BALL)).warnings
 
 
 def test_ambiguous_rotations_give_a_warning():
     """All rotations about z map the function z to itself, so the map is ambiguous."""
-    heights = BALL.vertices[:, 2], OTHER.vertices[:, 2]
-    found = prepare(BALL, OTHER, *heights, initial="sphere")
+    heights = BALL.vertices[:, 2], EVEN_BALL.vertices[:, 2]
+    found = prepare(BALL, EVEN_BALL, *heights, initial="sphere")
     assert len(found.warnings) == 1
     assert not any("rotation" in note for note in found.notes)
     vertices = np.stack([[3, 5, 8]] * 2, axis=1)
@@ -184,7 +184,7 @@ def test_landmarks_on_other_surfaces_are_refused():
     on_a, _ = pairs()
     other = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
     with raises(ParameterError):
-        prepare(OTHER, BALL, landmarks=(other, on_a[np.array([0])]), initial="sphere")
+        prepare(EVEN_BALL, BALL, landmarks=(other, on_a[np.array([0])]), initial="sphere")
 
 
 def test_notes_name_the_chosen_map():

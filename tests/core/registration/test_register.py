@@ -102,6 +102,11 @@ def flowed(mesh, directions, strength=0.12):
 
 
 @pytest.fixture(scope="module")
+def same():
+    return Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+
+
+@pytest.fixture(scope="module")
 def found():
     f = hills(A.vertices)
     g = hills(flowed(B, TURN.inv().apply(B.vertices.copy())))
@@ -204,21 +209,21 @@ def test_faces_flipped_by_vertices_are_counted():
     assert same.flipped_by_vertices() == 0
 
 
-def test_measured_functions_are_standardized():
+def test_measured_functions_except_constants_are_standardized(same):
     f, g = hills(A.vertices), 100 - 3 * hills(B.vertices)
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     prepared = prepare(A, B, f, g, initial=same)
     areas = np.bincount(B.faces.ravel(), minlength=len(B.vertices))
     for values in (prepared.problem.source, prepared.problem.target):
         assert abs(np.average(values[:, 0], weights=areas)) < 0.1
         assert abs(np.sqrt(np.average(values[:, 0] ** 2, weights=areas)) - 1) < 0.1
     assert prepared.problem.parameters == MEASURED_PARAMETERS
+    constant = prepare(A, B, np.full(3000, 0.1), g, initial=same).problem
+    assert_allclose(constant.source, 0.1)
 
 
-def test_functions_of_a_have_the_units_of_the_match():
+def test_functions_of_a_have_the_units_of_the_match(same):
     """Functions of A, transferred by area, are the source of the match on B."""
     f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
         prepared = prepare(A, B, ours, theirs, initial=same, mask_b=B.vertices[:, 2] > -0.5)
         transferred = prepared.initial.transfer(prepared.functions, by="area")
@@ -226,8 +231,7 @@ def test_functions_of_a_have_the_units_of_the_match():
     assert prepare(B, B, landmarks=[[0, 1]]).functions is None
 
 
-def test_opposite_sign_is_changed_with_a_note():
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+def test_opposite_sign_is_changed_with_a_note(same):
     prepared = prepare(A, B, hills(A.vertices), -hills(B.vertices), initial=same)
     check_message(prepared.notes[0], 1)
     assert np.corrcoef(prepared.problem.source[:, 0], -hills(B.vertices))[0, 1] > 0.97
@@ -236,8 +240,7 @@ def test_opposite_sign_is_changed_with_a_note():
     assert not prepare(A, B, hills(A.vertices), hills(B.vertices), initial=same).notes
 
 
-def test_exact_functions_keep_their_values():
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+def test_exact_functions_keep_their_values(same):
     prepared = prepare(A, B, "coordinate:x", "coordinate:x", initial=same)
     assert_allclose(prepared.problem.target[:, 0], B.vertices[:, 0])
     distant = prepare(A, B, "gaussian:vertex=7", "gaussian:vertex=900", initial=same).problem
@@ -248,10 +251,9 @@ def test_exact_functions_keep_their_values():
     assert prepared.problem.parameters == Parameters()
 
 
-def test_channels_have_weights_and_masks_on_both_surfaces():
+def test_channels_have_weights_and_masks_on_both_surfaces(same):
     f = ["coordinate:x", "coordinate:z"]
     mask_a, mask_b = A.vertices[:, 0] > -0.5, B.vertices[:, 1] > -0.5
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     given = {"mask_a": mask_a, "mask_b": mask_b, "weights": [1, 2]}
     prepared = prepare(A, B, f, f, initial=same, **given)
     assert_allclose(prepared.problem.weights, [1, 2])
@@ -334,12 +336,6 @@ def test_mirrored_spheres_are_read_from_files(tmp_path):
 OF_OTHERS = Landmarks.of_vertices(B, A, [0], [0])
 
 
-def test_constants_are_not_standardized():
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
-    source = prepare(A, B, np.full(3000, 0.1), hills(B.vertices), initial=same).problem.source
-    assert_allclose(source, 0.1)
-
-
 @pytest.mark.parametrize(
     ("change", "error", "named"),
     [
@@ -369,8 +365,7 @@ def test_constants_are_not_standardized():
         ({"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2}, ParameterError, ()),
     ],
 )
-def test_invalid_arguments_are_refused(change, error, named):
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+def test_invalid_arguments_are_refused(change, error, named, same):
     given = {"a": A, "b": B, "f": "coordinate:x", "g": "coordinate:x", "initial": same} | change
     if change.keys() & {"a"}:
         given.pop("initial")
@@ -378,10 +373,9 @@ def test_invalid_arguments_are_refused(change, error, named):
         prepare(**given)
 
 
-def test_unknown_values_are_not_compared():
+def test_unknown_values_are_not_compared(same):
     f, g = hills(A.vertices), hills(B.vertices)
     f[A.vertices[:, 2] > 0.8], g[B.vertices[:, 2] < -0.8] = np.nan, np.inf
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     problem = prepare(A, B, f, g, initial=same).problem
     assert (problem.mask[np.abs(B.vertices[:, 2]) > 0.9] == 0).all()
     assert_allclose(problem.mask[np.abs(B.vertices[:, 2]) < 0.7], 1)
@@ -390,11 +384,10 @@ def test_unknown_values_are_not_compared():
         prepare(A, B, f * np.nan, g, initial=same)
 
 
-def test_unknown_values_in_files_give_a_note(tmp_path):
+def test_unknown_values_in_files_give_a_note(tmp_path, same):
     f, g = hills(A.vertices), hills(B.vertices)
     f[A.vertices[:, 2] > 0.8] = np.nan
     np.save(tmp_path / "f.npy", f)
-    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     by_array = prepare(A, B, f, g, initial=same)
     by_text = prepare(A, B, f"file:{tmp_path / 'f.npy'}", g, initial=same)
     assert by_text.problem.digest == by_array.problem.digest

@@ -14,7 +14,7 @@ from tests.messages import check_message
 
 A, B = (load_mesh(asset_path(f"human_{name}.off")) for name in ("A", "fine_A"))
 TRUE = cKDTree(B.vertices).query(A.vertices)[1]
-SAME = load_mesh(asset_path("human_B.off"))
+OTHER_POSE = load_mesh(asset_path("human_B.off"))
 
 
 def read(path, pairs, b=B, **options):
@@ -35,7 +35,7 @@ def test_only_shifted_landmarks_give_a_warning(tmp_path, seed, count):
     assert texts == []
     np.testing.assert_allclose(found.a.positions, A.vertices[of_a], atol=1e-12)
     same = np.stack([of_a, of_a], axis=1)
-    assert read(tmp_path / "p.csv", same + 1, SAME)[1] == []
+    assert read(tmp_path / "p.csv", same + 1, OTHER_POSE)[1] == []
 
 
 def test_shifted_landmarks_are_reported(tmp_path):

@@ -20,7 +20,7 @@ from tests.shapes import icosphere
 
 KINDS = ("turning", "travelling", "source and sink", "standing", "standing twice")
 MESH, STEPS = icosphere(3), np.arange(9)
-FAST = defaults(sigma=0.3, alpha=1.0, order=1)
+SETTINGS = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 def waves(kind, noise=0.0):
@@ -57,7 +57,7 @@ def errors(sequence, truth):
 @pytest.mark.parametrize("kind", KINDS)
 def test_interpolated_frames_are_not_worse_than_the_blend(kind, noise):
     truth, given = waves(kind, noise)
-    found = abfm.sequence(MESH, given[::2], parameters=FAST)
+    found = abfm.sequence(MESH, given[::2], parameters=SETTINGS)
     blend, interpolated = errors(found, truth)
     if kind.startswith("standing"):
         assert interpolated == pytest.approx(blend, rel=1e-12)
@@ -73,7 +73,7 @@ def test_interpolated_frames_are_not_worse_than_the_blend(kind, noise):
 
 def test_noisy_standing_wave_is_not_confirmed():
     _, given = waves("standing", 0.3)
-    found = abfm.sequence(MESH, given[::2], parameters=FAST)
+    found = abfm.sequence(MESH, given[::2], parameters=SETTINGS)
     assert found.confirmed == 0
     reasons = [v.reason for v in found.verdicts if v.cause is Cause.UNDETERMINED]
     assert reasons
@@ -90,7 +90,7 @@ def test_noisy_motions_remain_confirmed(kind):
 
 
 def test_motion_share_is_saved(tmp_path):
-    found = replace(abfm.sequence(MESH, waves("turning", 0.1)[1][::2], None, FAST))
+    found = replace(abfm.sequence(MESH, waves("turning", 0.1)[1][::2], None, SETTINGS))
     half = replace(found, motion_share=0.4)
     half.save(tmp_path / "s.npz")
     again = load_sequence(tmp_path / "s.npz")
@@ -112,8 +112,8 @@ def test_interpolation_equals_the_frames_at_both_ends():
 
 def test_two_frames_have_none_to_hold_out():
     frames, _ = rotating_pattern(SPHERE, 0.1, 2)
-    moving = abfm.sequence(SPHERE, frames, parameters=FAST)
-    jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=FAST)
+    moving = abfm.sequence(SPHERE, frames, parameters=SETTINGS)
+    jumping = abfm.sequence(SPHERE, bumps([0.0, np.pi]), parameters=SETTINGS)
     assert np.isnan([moving.motion_share, jumping.motion_share]).all()
     assert moving.facts.numbers["motion_share"] is None
     assert_array_equal(moving.motion_shares, 1)
@@ -122,7 +122,7 @@ def test_two_frames_have_none_to_hold_out():
 
 def test_three_uneven_frames_have_one_to_hold_out():
     frames, _ = rotating_pattern(SPHERE, 0.05, 4)
-    found = abfm.sequence(SPHERE, frames[[0, 1, 3]], [0.0, 1.0, 3.0], FAST)
+    found = abfm.sequence(SPHERE, frames[[0, 1, 3]], [0.0, 1.0, 3.0], SETTINGS)
     assert found.motion_share > 0.9
 
 
@@ -132,23 +132,23 @@ def test_distant_neighbours_are_no_evidence():
     Their neighbours are 24 edges away, which looks like 8 edges backwards.
     """
     frames, _ = rotating_pattern(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
-    found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=FAST)
+    found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=SETTINGS)
     assert np.isnan(found.motion_share) == (found.confirmed > 0)
 
 
 def test_units_and_rotations_do_not_change_the_share():
     _, given = waves("turning", 0.1)
-    reference = abfm.sequence(MESH, given[::2], parameters=FAST).motion_share
+    reference = abfm.sequence(MESH, given[::2], parameters=SETTINGS).motion_share
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * MESH.vertices @ turn.T, MESH.faces)
-    there = abfm.sequence(other, 1e3 * given[::2] - 5, 0.01 * np.arange(5), FAST)
+    there = abfm.sequence(other, 1e3 * given[::2] - 5, 0.01 * np.arange(5), SETTINGS)
     assert there.motion_share == pytest.approx(reference, rel=1e-4)
 
 
 def test_jumps_among_motions_are_not_held_out():
     angles = [0.0, 0.1, 0.2, 0.3, 2.0, 2.1, 2.2]
-    found = abfm.sequence(SPHERE, bumps(angles, noise=0.0), parameters=FAST)
+    found = abfm.sequence(SPHERE, bumps(angles, noise=0.0), parameters=SETTINGS)
     assert found.motion_share > 0.9
     assert not found.verdicts[3].kind.is_good
     assert sum(verdict.kind.is_good for verdict in found.verdicts) == 5
@@ -156,15 +156,15 @@ def test_jumps_among_motions_are_not_held_out():
 
 def test_still_frames_have_an_unknown_share():
     still = np.repeat(rotating_pattern(SPHERE, 0.1, 1)[0], 4, axis=0)
-    found = abfm.sequence(SPHERE, still, parameters=FAST)
+    found = abfm.sequence(SPHERE, still, parameters=SETTINGS)
     assert np.isnan(found.motion_share)
     assert found.confirmed == 3
 
 
 def test_holding_out_frames_changes_no_field():
     frames, _ = rotating_pattern(SPHERE, 0.1, 4)
-    found = abfm.sequence(SPHERE, frames, parameters=FAST)
-    solver = SequenceSolver(found._frames, FAST, 1.0)
+    found = abfm.sequence(SPHERE, frames, parameters=SETTINGS)
+    solver = SequenceSolver(found._frames, SETTINGS, 1.0)
     solver.run(lambda i: None)
     before = solver.fields.copy()
     assert motion_evidence(solver).share == found.motion_share

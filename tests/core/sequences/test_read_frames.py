@@ -269,8 +269,10 @@ def test_frames_may_include_loose_vertices(tmp_path):
     assert_array_equal(read_frames(tmp_path / "a-lh.stc", mesh).values, SINGLE)
 
 
-def write_invalid_files(folder):
-    """Write files that contain no frames of the mesh."""
+@pytest.fixture(scope="module")
+def invalid_files(tmp_path_factory):
+    """Return a folder of files that contain no frames of the mesh."""
+    folder = tmp_path_factory.mktemp("invalid")
     np.save(folder / "short.npy", FRAMES[:, :-1])
     np.save(folder / "flat.npy", FRAMES[0])
     np.save(folder / "faces.npy", np.zeros((3, len(MESH.faces))))
@@ -317,12 +319,6 @@ def write_invalid_files(folder):
     (folder / "bad.series").write_text("[1")
     (folder / "odd.series").write_text('{"files": [{"name": "wave_001.vtu"}]}')
     (folder / "array.series").write_text('[{"name": "wave_001.vtu"}]')
-
-
-@pytest.fixture(scope="module")
-def invalid_files(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("write_invalid_files")
-    write_invalid_files(folder)
     return folder
 
 

@@ -11,7 +11,7 @@ from abfm.sequences import defaults
 from abfm.sequences.uncertainty import _data_tensors, _Integrals
 from tests.core.sequences.known_motions import SPHERE, coordinates, rotating_pattern
 
-FAST = defaults(sigma=0.3, alpha=1.0, order=1)
+SETTINGS = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 @cache
@@ -28,7 +28,7 @@ def with_a_bump():
     """Return a sequence of a bump on the equator that rotates about z; elsewhere it is flat."""
     angles = 0.1 * np.arange(4)
     places = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    return abfm.sequence(SPHERE, np.exp(8 * (places @ SPHERE.vertices.T - 1)), parameters=FAST)
+    return abfm.sequence(SPHERE, np.exp(8 * (places @ SPHERE.vertices.T - 1)), parameters=SETTINGS)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
@@ -65,7 +65,7 @@ def test_flat_places_are_not_determined():
 def test_motion_along_contours_is_less_determined():
     z = SPHERE.vertices[:, 2]
     frames = np.stack([np.sin(5 * np.tanh(np.arctanh(0.999 * z) - 0.04 * t)) for t in range(3)])
-    found = abfm.sequence(SPHERE, frames, parameters=FAST)
+    found = abfm.sequence(SPHERE, frames, parameters=SETTINGS)
     slopes = (gradient(SPHERE) @ frames[1]).reshape(-1, 2)
     sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
     steep = sizes[:, 0] > np.median(sizes)
@@ -80,7 +80,7 @@ def test_motion_along_contours_is_less_determined():
 
 def test_more_channels_determine_all_directions():
     frames, _ = rotating_pattern(SPHERE, 0.1, 3, coordinates)
-    assert abfm.sequence(SPHERE, frames, parameters=FAST).determined.min() > 0.7
+    assert abfm.sequence(SPHERE, frames, parameters=SETTINGS).determined.min() > 0.7
 
 
 def test_covariances_are_tensors_of_the_tangent_plane():
@@ -99,11 +99,11 @@ def test_covariances_are_tensors_of_the_tangent_plane():
 
 
 def test_uncertainty_of_constant_and_equal_frames():
-    constant = abfm.sequence(SPHERE, np.ones((3, len(SPHERE.vertices))), parameters=FAST)
+    constant = abfm.sequence(SPHERE, np.ones((3, len(SPHERE.vertices))), parameters=SETTINGS)
     assert np.isinf(constant.uncertainty).all()
     assert_array_equal(constant.determined, 0)
     still = np.repeat(rotating_pattern(SPHERE, 0.1, 1)[0], 3, axis=0)
-    found = abfm.sequence(SPHERE, still, parameters=FAST)
+    found = abfm.sequence(SPHERE, still, parameters=SETTINGS)
     assert_array_equal(found.uncertainty, 0)
     assert found.speed_determined.min() > 0.9
 
@@ -111,7 +111,7 @@ def test_uncertainty_of_constant_and_equal_frames():
 def test_masked_places_are_not_determined():
     hidden = SPHERE.vertices[:, 0] > 0.5
     frames = solved()[0].frames[:, :, 0]
-    found = abfm.sequence(SPHERE, frames, parameters=FAST, mask=~hidden)
+    found = abfm.sequence(SPHERE, frames, parameters=SETTINGS, mask=~hidden)
     middles = SPHERE.vertices[SPHERE.faces].mean(axis=1)
     assert found.determined[:, middles[:, 0] > 0.85].max() < 0.5
     assert np.median(found.determined[:, middles[:, 0] < 0]) > 0.8

@@ -27,13 +27,13 @@ from tests.viewer.cli.batches import changed_results, results, start, victims, w
 from tests.viewer.cli.page import page_at
 
 EIGHT = asset_path("eight.off")
-BRIEF = "--refine 0 --set=levels=1 --set=cooling_stages=2"
-NEAR, FAR = "gaussian:vertex=5,width=0.4", "gaussian:vertex=200,width=0.2"
+FEW_STEPS = "--refine 0 --set=levels=1 --set=cooling_stages=2"
+CLOSE_SPEC, DISTANT_SPEC = "gaussian:vertex=5,width=0.4", "gaussian:vertex=200,width=0.2"
 TABLE = f"""\
 name,mesh,source,target,iterations,refine,levels,alpha
-<far>,{EIGHT},"gaussian:vertex=0,width=0.4","{FAR}",0,0,1,0.5
-same,{EIGHT},"{NEAR}","{NEAR}",5,0,1,
-lost,nowhere.off,"{NEAR}","{NEAR}",5,0,1,
+<far>,{EIGHT},"gaussian:vertex=0,width=0.4","{DISTANT_SPEC}",0,0,1,0.5
+same,{EIGHT},"{CLOSE_SPEC}","{CLOSE_SPEC}",5,0,1,
+lost,nowhere.off,"{CLOSE_SPEC}","{CLOSE_SPEC}",5,0,1,
 """
 COUNTS = (3, "1 matched", "1 not reached", "1 failed")
 
@@ -57,7 +57,7 @@ def test_summary_has_results_and_reasons(solved):
     far, same, lost = rows = table_of(solved / "out")
     assert [row["verdict"] for row in rows] == ["not reached", "matched", "failed"]
     assert far["alpha"] == "0.5"
-    assert (same["source"], same["alpha"]) == (NEAR, "")
+    assert (same["source"], same["alpha"]) == (CLOSE_SPEC, "")
     check_message(lost["reason"], "nowhere.off")
     assert (lost["digest"], lost["residual"]) == ("", "")
     for row in (far, same):
@@ -122,13 +122,13 @@ def test_only_missing_rows_are_solved_again(solved, abfm):
 def test_all_combinations_of_options_are_solved(abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(EIGHT.parent)
     pair = ["--channel", "coordinate:x", "coordinate:x", "0.5"]
-    over = f'--over=alpha=0.1,0.2 --over=target="{NEAR}","gaussian:vertex=6,width=0.4"'
+    over = f'--over=alpha=0.1,0.2 --over=target="{CLOSE_SPEC}","gaussian:vertex=6,width=0.4"'
     out = "--over=iterations=1 --out={t}/out --jobs=1 --no-pictures"
-    line = f"batch eight.off --source={NEAR} {BRIEF} {over} {out}"
+    line = f"batch eight.off --source={CLOSE_SPEC} {FEW_STEPS} {over} {out}"
     status = main([*words_of(line, t=tmp_path), *pair])
     rows = table_of(tmp_path / "out")
     assert status == (0 if all(Outcome(row["verdict"]).is_good for row in rows) else 3)
-    targets = [NEAR, NEAR.replace("5", "6")]
+    targets = [CLOSE_SPEC, CLOSE_SPEC.replace("5", "6")]
     wanted = [(alpha, target, "1") for alpha in ("0.1", "0.2") for target in targets]
     assert [(row["alpha"], row["target"], row["iterations"]) for row in rows] == wanted
     assert {row["channel"] for row in rows} == {"coordinate:x coordinate:x 0.5"}
@@ -145,7 +145,8 @@ def test_all_combinations_of_options_are_solved(abfm, tmp_path, monkeypatch):
     residual = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
     assert f"{100 * residual:.2g}%" in grid
     assert "Best" not in text
-    line = f"batch eight.off --source={NEAR} --target={NEAR} {BRIEF} --set=iterations=1"
+    specs = f"--source={CLOSE_SPEC} --target={CLOSE_SPEC}"
+    line = f"batch eight.off {specs} {FEW_STEPS} --set=iterations=1"
     output = abfm(f"{line} --over=alpha=0.1,0.2 --out={{t}}/best --jobs=1 --no-pictures").out
     assert "\nclosest match and least change of areas: alpha 0." in output
     best = json.loads(abfm("batch --status {t}/best --json --quiet").out)["best"]
@@ -253,7 +254,7 @@ def test_signal_keeps_finished_rows(tmp_path):
 
 def write_ledger(folder, rows):
     """Write a table and a ledger in which all rows failed, except every tenth, which is missing."""
-    lines = [f'row {i},none.off,"{NEAR}","{NEAR}",{i}' for i in range(rows)]
+    lines = [f'row {i},none.off,"{CLOSE_SPEC}","{CLOSE_SPEC}",{i}' for i in range(rows)]
     head = "name,mesh,source,target,iterations"
     (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
     ledger, found = Ledger(folder / "out"), read_table(folder / "table.csv")

@@ -35,8 +35,8 @@ from tests.viewer.cli.conftest import MESHES
 from tests.viewer.sessions import EGG
 
 PAIR = "--source=gaussian:vertex=10,width=0.2 --target=gaussian:vertex=40,width=0.2"
-SHORT = "--set=iterations=6 --refine=0 --quiet"
-MATCH = f"match {{eight}} {PAIR} {SHORT}"
+SHORT_RUN = "--set=iterations=6 --refine=0 --quiet"
+MATCH = f"match {{eight}} {PAIR} {SHORT_RUN}"
 UNREACHED = 3  # exit status of matches with too few iterations
 
 
@@ -214,7 +214,7 @@ def test_meshes_are_merged_and_cleaned(tmp_path, abfm):
     for words, named in (("", "--merge"), ("--merge=near", "near"), ("--hemisphere left", "left")):
         assert named in abfm(f"info {{t}}/split.off {words}", status=2).err
     functions = "--source=file:{t}/x.npy --target=file:{t}/x.npy --merge --clean"
-    output = abfm(f"match {{t}}/split.off {functions} {SHORT} --out {{t}}/m.npz")
+    output = abfm(f"match {{t}}/split.off {functions} {SHORT_RUN} --out {{t}}/m.npz")
     assert "warning: 1 of 201 merged" in output.err
     mesh = load(tmp_path / "m.npz").mesh
     assert mesh.on_file(mesh.vertices[:, 0]) == pytest.approx(sphere.vertices[corners, 0])
@@ -364,7 +364,7 @@ def test_printed_names_are_printable(tmp_path, capsys):
     render = ["render", result, "--out", picture, "--size", "320x240"]
     for words, status, printed in (
         (["info", mesh], 0, "/a?b?[31m/c?.off"),
-        (["match", mesh, *f"{PAIR} {SHORT} --out".split(), result], UNREACHED, "c?.npz"),
+        (["match", mesh, *f"{PAIR} {SHORT_RUN} --out".split(), result], UNREACHED, "c?.npz"),
         (["map", result, "--out", table], 0, "wrote {}/a?b?[31m/c?.txt"),
         (render, 0, "wrote {}/a?b?[31m/c?.png (320 x 240)"),
     ):

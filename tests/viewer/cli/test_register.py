@@ -20,7 +20,7 @@ from tests.shapes import icosphere, with_loose_vertex
 from tests.viewer.cli.conftest import MESHES
 
 A, B = even_sphere(800), icosphere(3)
-SHORT = "--set=iterations=30 --refine 0 --quiet"
+SHORT_RUN = "--set=iterations=30 --refine 0 --quiet"
 PAIR = "{f}/a.ply {f}/b.ply --source=file:{f}/a.npy --target=file:{f}/b.npy"
 
 
@@ -39,7 +39,7 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def registration(files):
-    line = f"register {PAIR} --sigma=2 {SHORT} --out={{f}}/r.npz"
+    line = f"register {PAIR} --sigma=2 {SHORT_RUN} --out={{f}}/r.npz"
     assert main(words_of(line, f=files)) in (0, 3)
     return files / "r.npz"
 
@@ -53,7 +53,7 @@ def apply(abfm, registration, files):
 
 
 def test_registration_is_printed_and_written(files, abfm, tmp_path):
-    line = f"register {PAIR} --sigma=2 {SHORT} --max-distortion=2"
+    line = f"register {PAIR} --sigma=2 {SHORT_RUN} --max-distortion=2"
     words = [f"--out={tmp_path}/r.{suffix}" for suffix in ("npz", "csv", "ply", "html")]
     output = abfm(line, *words, f=files)
     assert output.out.startswith("registered")
@@ -79,7 +79,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
 def test_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
     """The functions match well, but every rotation about z is as good."""
     functions = "--source=expression:z --target=expression:z --initial=sphere"
-    line = f"register {{f}}/a.ply {{f}}/b.ply {functions} {SHORT} --json --out={{t}}/r.npz"
+    line = f"register {{f}}/a.ply {{f}}/b.ply {functions} {SHORT_RUN} --json --out={{t}}/r.npz"
     output = abfm(line, f=files, status=3)
     facts = json.loads(output.out)
     assert (facts["verdict"]["kind"], facts["verdict"]["cause"]) == ("not reached", "initial map")
@@ -92,7 +92,7 @@ def test_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
 def test_initial_map_by_connectivity_is_noted(files, abfm):
     functions = "--source=expression:z --target=expression:z"
     output = abfm(
-        f"register {{f}}/a.ply {{f}}/a.ply {functions} {SHORT} --out={{t}}/r.npz", f=files
+        f"register {{f}}/a.ply {{f}}/a.ply {functions} {SHORT_RUN} --out={{t}}/r.npz", f=files
     )
     check_message(line_with(output.err, "note: initial map"), "connectivity", "faces")
 
@@ -101,7 +101,7 @@ def test_json_of_a_registration(files, abfm):
     output = abfm(
         "register {f}/a.ply {f}/b.ply --channel file:{f}/a.npy file:{f}/b.npy 2 --initial=closest "
         "--mask-a=expression:x>-2 --mask-b=expression:1 --sigma=5 --json --out={t}/r.npz "
-        f"{SHORT}",
+        f"{SHORT_RUN}",
         f=files,
     )
     facts = json.loads(output.out)

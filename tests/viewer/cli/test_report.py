@@ -22,9 +22,9 @@ from tests.shapes import icosphere
 from tests.viewer.cli.page import page_at
 
 A, B = even_sphere(400), icosphere(2)
-BRIEF = Parameters.of(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
+SHORT_RUN = Parameters.of(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
 TITLE = '<i>"A" & B</i>'
-SMALL = "--width 40 --quiet"
+SMALL_PICTURES = "--width 40 --quiet"
 
 
 def waves(directions):
@@ -37,7 +37,7 @@ def registered():
     bent = B.vertices + [0.15, 0, 0.1] * np.sin(3 * B.vertices[:, [1]])
     bent /= np.linalg.norm(bent, axis=1)[:, None]
     functions = waves(A.vertices), waves(bent)
-    return library.register(A, B, *functions, initial="closest", parameters=BRIEF)
+    return library.register(A, B, *functions, initial="closest", parameters=SHORT_RUN)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def written(registered, tmp_path_factory):
     """Return a folder with the file of the registration and its page."""
     folder = tmp_path_factory.mktemp("report")
     registered.save(folder / "r.npz")
-    line = words_of(f"report {{f}}/r.npz --out {{f}}/r.html {SMALL}", f=folder)
+    line = words_of(f"report {{f}}/r.npz --out {{f}}/r.html {SMALL_PICTURES}", f=folder)
     assert main([*line, "--title", TITLE]) == 0
     return folder
 
@@ -108,7 +108,7 @@ def test_numbers_are_those_of_the_registration(written, page):
 
 
 def test_same_file_gives_same_bytes_and_json(written, page, abfm, tmp_path):
-    line = f"report {{f}}/r.npz --out={{t}}/s.html --json {SMALL} --title"
+    line = f"report {{f}}/r.npz --out={{t}}/s.html --json {SMALL_PICTURES} --title"
     output = abfm(line, TITLE, f=written)
     assert json.loads(output.out) == json.loads(page.facts)
     assert (tmp_path / "s.html").read_bytes() == (written / "r.html").read_bytes()
@@ -119,7 +119,7 @@ def test_notes_and_warnings_are_on_the_page(registered, abfm, tmp_path, monkeypa
     notes = ("A & B began <near> each other",)
     other = library.Registration(registered.initial, recomputed, notes)
     monkeypatch.setattr("abfm.load", lambda *_: other)
-    assert "stored residual 0.1" in abfm(f"report r.npz --out {{t}}/n.html {SMALL}").err
+    assert "stored residual 0.1" in abfm(f"report r.npz --out {{t}}/n.html {SMALL_PICTURES}").err
     page = page_at(tmp_path / "n.html")
     assert "A & B began <near> each other." in page.text
     assert "stored residual 0.1." in page.text
@@ -149,8 +149,8 @@ def test_map_without_functions_has_warnings(abfm, tmp_path):
 
 def test_match_on_one_surface_has_its_page(abfm, tmp_path):
     f, g = waves(B.vertices)[:, 0], waves(B.vertices[:, [1, 0, 2]])[:, 0]
-    library.match(B, f, g, BRIEF).save(tmp_path / "m.npz")
-    abfm(f"report {{t}}/m.npz --out {{t}}/m.html {SMALL}")
+    library.match(B, f, g, SHORT_RUN).save(tmp_path / "m.npz")
+    abfm(f"report {{t}}/m.npz --out {{t}}/m.html {SMALL_PICTURES}")
     page = page_at(tmp_path / "m.html")
     assert "A match on a surface of 162 vertices" in page.text
     assert "What does this mean?" in page.text
@@ -160,10 +160,10 @@ def test_match_on_one_surface_has_its_page(abfm, tmp_path):
 
 def test_symmetric_registration_has_its_page(registered, abfm, tmp_path):
     functions = waves(B.vertices), waves(A.vertices)
-    backward = library.register(B, A, *functions, initial="closest", parameters=BRIEF)
+    backward = library.register(B, A, *functions, initial="closest", parameters=SHORT_RUN)
     found = SymmetricRegistration.average(registered, backward)
     found.save(tmp_path / "s.npz")
-    abfm(f"report {{t}}/s.npz --out {{t}}/s.html {SMALL}")
+    abfm(f"report {{t}}/s.npz --out {{t}}/s.html {SMALL_PICTURES}")
     page = page_at(tmp_path / "s.html")
     assert found.facts.headline[1:] in page.text
     assert json.loads(page.facts)["asymmetry_95"] == found.facts.numbers["asymmetry_95"]
@@ -209,7 +209,7 @@ def test_bad_input_leaves_no_page(words, named, written, tmp_path, abfm, monkeyp
 def test_landmarks_without_functions_have_pages(tmp_path, abfm):
     found = library.register(B, B, landmarks=[[0, 20], [50, 60]])
     found.save(tmp_path / "r.npz")
-    abfm(f"report {{t}}/r.npz --out={{t}}/r.html {SMALL}")
+    abfm(f"report {{t}}/r.npz --out={{t}}/r.html {SMALL_PICTURES}")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Matched: 2 landmarks within 0." in text
     assert "largest landmark error" in text

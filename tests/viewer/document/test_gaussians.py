@@ -29,7 +29,7 @@ GAUSSIANS = st.one_of(
     ),
     st.builds(Gaussian, x=NUMBERS, y=NUMBERS, z=NUMBERS),
 )
-OTHERS = st.one_of(
+OTHER_TERMS = st.one_of(
     st.builds(Coordinate, axis=st.sampled_from("xyz")),
     st.builds(Eigenfunction, index=st.integers(0, 9)),
     st.just(Expression(formula="(x+y)*z")),
@@ -46,9 +46,9 @@ def text(terms, mapped):
 
 
 @given(
-    st.lists(GAUSSIANS | OTHERS, max_size=4),
+    st.lists(GAUSSIANS | OTHER_TERMS, max_size=4),
     GAUSSIANS,
-    st.lists(OTHERS, max_size=2),
+    st.lists(OTHER_TERMS, max_size=2),
     st.booleans(),
     st.data(),
     st.tuples(WIDTHS, NUMBERS, VERTICES),

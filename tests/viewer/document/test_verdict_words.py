@@ -185,9 +185,9 @@ def test_unknown_numbers_are_omitted(found, iterations):
 def test_remedies_are_written_as_command_line_options(found):
     remedies = (
         Remedy("Reach further", "a larger reach", {"reach": 0.6, "levels": 0}),
-        Remedy("Continue", "go on", {}, True),
+        Remedy("Continue", "resume the match", {}, True),
     )
-    verdict = Verdict(Outcome.NOT_REACHED, "why", "a larger reach; or go on", remedies)
+    verdict = Verdict(Outcome.NOT_REACHED, "why", "a larger reach; or resume the match", remedies)
     match = replace(found, verdict=verdict)
     expected = "reach further (--set reach=0.6 --set levels=0), or continue (--start m.npz)"
     assert advice_in_options(match.verdict, match.facts, "m.npz") == expected
@@ -196,7 +196,7 @@ def test_remedies_are_written_as_command_line_options(found):
     assert replace(match, stop_reason=StopReason.GIVEN).facts.advice == ""
     first, second = map(verdict_words.remedy_tooltip, remedies)
     assert first == "A larger reach.\nStarts a run from a zero field, with reach 0.6, levels 0."
-    assert second == "Go on.\nStarts a run from the current field."
+    assert second == "Resume the match.\nStarts a run from the current field."
 
 
 @pytest.mark.parametrize(

@@ -61,24 +61,24 @@ from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
 
-WHOLE = icosphere(1)
-SPHERE = with_loose_vertex(WHOLE)
+BALL = icosphere(1)
+SPHERE = with_loose_vertex(BALL)
 """Of 43 vertices in its file it has 42."""
-CORNERS = np.arange(WHOLE.faces.size).reshape(-1, 3)
-MERGED = TriangleMesh(WHOLE.vertices[WHOLE.faces.ravel()], CORNERS, merge=True)
+CORNERS = np.arange(BALL.faces.size).reshape(-1, 3)
+MERGED = TriangleMesh(BALL.vertices[BALL.faces.ravel()], CORNERS, merge=True)
 X, Y = SPHERE.vertices[:, 0].copy(), SPHERE.vertices[:, 1].copy()
 KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 
 
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
-SHORT = Parameters.of(iterations=5, refine=0, segments=1)
-RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
+SHORT_RUN = Parameters.of(iterations=5, refine=0, segments=1)
+RESULT = match(SPHERE, XY, YX, SHORT_RUN, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # other steps are stored in single precision
-COURSE = np.array([12, 42]), np.array([0.5, 0.0])
+LEVELS = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
 ITERATES = {"residuals": np.array([0.7, 0.5]), "sigmas": np.array([0.2, 0.1])}
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
-PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
+PROBLEM = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = MatchDocument(
     (Surface(SPHERE, "a ☃ sphere\udc80", Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))),),
     channels=(
@@ -93,8 +93,8 @@ DOCUMENT = MatchDocument(
     result=RESULT,
     runs=(
         RunRecord(RESULT.energy_history, RESULT.stages, (2, len(RESULT.stages)), 0.25, "alpha 1"),
-        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
-        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
+        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *LEVELS),
+        RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *LEVELS, *TERMS),
         RunRecord(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
         RunRecord(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", **ITERATES),
     ),
@@ -160,7 +160,7 @@ def pair():
     """Return two surfaces with a match that started with the map by vertex numbers."""
     a, b = (icosphere(1, radius) for radius in (1, 2))
     initial = Correspondence.of_same_faces(a, b)
-    found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT)
+    found = match(b, a.vertices[:, :1], b.vertices[:, 1:2], SHORT_RUN)
     channels, mark = (Channel("coordinate:x", "coordinate:y"),), Point(3, (1.0, 0.0, 0.0))
     initial_map = InitialMap(
         initial, MapRequest("connectivity", channels, "", (), False), ("a note",), found.source
@@ -169,7 +169,7 @@ def pair():
     return PairDocument(
         surfaces,
         channels,
-        SHORT,
+        SHORT_RUN,
         landmarks=(Landmark(mark), Landmark(mark, mark, name="both")),
         result=replace(found, path=(), step=0),
         initial_map=replace(initial_map, warnings=("a warning",)),
@@ -200,13 +200,13 @@ def sequence_document(solved=True):
     "document",
     [
         DOCUMENT,
-        MatchDocument((Surface(WHOLE, "nothing yet"),)),
+        MatchDocument((Surface(BALL, "nothing yet"),)),
         MatchDocument((Surface(MERGED, "merged"),)),
-        replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
+        replace(DOCUMENT, result=replace(RESULT, problem=PROBLEM), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
         replace(DOCUMENT, solver_step=0),
-        replace(DOCUMENT, surfaces=(Surface(with_loose_vertex(WHOLE), "equal mesh"),)),
+        replace(DOCUMENT, surfaces=(Surface(with_loose_vertex(BALL), "equal mesh"),)),
         pair(),
         replace(pair(), result=None, initial_map=None),
         sequence_document(),
@@ -297,7 +297,7 @@ specs = st.builds(
 )
 points = st.builds(
     lambda face, u, v: Point(face, (1 - u, u * (1 - v), u * v)),
-    st.integers(0, len(WHOLE.faces) - 1),
+    st.integers(0, len(BALL.faces) - 1),
     st.floats(0, 1),
     st.floats(0, 1),
 )
@@ -314,7 +314,7 @@ channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tupl
     channels=channels,
     landmarks=landmarks,
     alone=st.booleans(),
-    surface=st.builds(Surface, st.just(WHOLE), st.text(), st.none() | fronts),
+    surface=st.builds(Surface, st.just(BALL), st.text(), st.none() | fronts),
 )
 def test_views_channels_and_landmarks_are_restored(
     tmp_path, view, channels, landmarks, alone, surface
@@ -364,8 +364,8 @@ def error_line(path):
 
 
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
-BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
-FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
+INVALID_FRONT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
+INVALID_VIEWPOINT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
 HKS = {"source": "hks", "target": "hks"}
 VALUES = [None, -1, 0.5, True, "x\n" * 5000, "result", "known/0", [], {}, math.inf, 10**400, [[0]]]
 
@@ -445,7 +445,7 @@ def test_damaged_results_are_refused(saved):
         assert name.removesuffix(".npy") in error_line(saved)
         RESULT.save(inner)
     ring = torus(8, 8)
-    match(ring, ring.vertices[:, 0], ring.vertices[:, 1], SHORT).save(inner)
+    match(ring, ring.vertices[:, 0], ring.vertices[:, 1], SHORT_RUN).save(inner)
     rewrite(saved, {"result.npz": inner.read_bytes()})
     check_message(error_line(saved), "file:x.npy")
 
@@ -477,7 +477,7 @@ def test_damaged_results_are_refused(saved):
         ("document.landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], (80,)),
         ("document.landmarks", [{"weight": 0}], ("weight", "0.0", 0)),
         ("document.landmark", 1, ("landmark", 1, 0)),
-        ("document.surfaces.0.front", BENT, ("front",)),
+        ("document.surfaces.0.front", INVALID_FRONT, ("front",)),
         ("document.labels.keys", [2, 1], ("keys",)),
         ("document.labels.keys", [1, 3], ("labels", "keys")),
         ("document.labels.names", ["one"], ()),
@@ -486,8 +486,8 @@ def test_damaged_results_are_refused(saved):
         ("view.theme", "pink", ("light", "dark")),
         ("view.colormap", "jet", ("colormap", "jet")),
         ("view.ui_scale", 0, ("ui_scale", 0)),
-        ("view.viewpoint", {"front": BENT}, ("front",)),
-        ("view.viewpoint", FLAT, ("zoom", "0.0")),
+        ("view.viewpoint", {"front": INVALID_FRONT}, ("front",)),
+        ("view.viewpoint", INVALID_VIEWPOINT, ("zoom", "0.0")),
     ],
 )
 def test_values_outside_their_range_are_named(saved, name, value, named):
@@ -586,7 +586,7 @@ def test_terms_of_files_are_found(spec, terms):
 
 
 def test_opening_without_a_result_loads_no_solver(tmp_path):
-    save_project(tmp_path / "p.abfm", MatchDocument((Surface(WHOLE, "empty"),)), {})
+    save_project(tmp_path / "p.abfm", MatchDocument((Surface(BALL, "empty"),)), {})
     code = (
         "import sys; from abfm_viewer.files.project import load_project; "
         "load_project(sys.argv[1]);"
@@ -623,11 +623,11 @@ def test_origin_notices_changes_of_its_file(origin):
 
 def test_copy_names_its_original_file(origin, tmp_path):
     copy = tmp_path / "copy.abfm"
-    save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {}, origin)
+    save_project(copy, MatchDocument((Surface(BALL, "sphere"),)), {}, origin)
     assert load_origin(copy) == origin
     origin.path.unlink()
     assert load_origin(copy) is None
-    save_project(copy, MatchDocument((Surface(WHOLE, "sphere"),)), {})
+    save_project(copy, MatchDocument((Surface(BALL, "sphere"),)), {})
     assert load_origin(copy) is None
 
 
@@ -642,7 +642,7 @@ def test_copy_names_its_original_file(origin, tmp_path):
 )
 def test_damaged_origins_of_copies_are_ignored(tmp_path, text):
     path = tmp_path / "p.abfm"
-    document = MatchDocument((Surface(WHOLE, "sphere"),))
+    document = MatchDocument((Surface(BALL, "sphere"),))
     save_project(path, document, {}, Origin.of(tmp_path / "q.abfm"))
     rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None

@@ -7,7 +7,7 @@ from abfm_viewer.session import active_gaussian
 from tests.messages import check_message
 from tests.viewer.sessions import EGG, opened
 
-TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
+THREE_GAUSSIANS = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
 
 # In the session
@@ -15,7 +15,9 @@ TWO = "gaussian:vertex=1 + gaussian:vertex=2 + gaussian:vertex=3"
 
 @pytest.fixture
 def session():
-    session = opened(channel=Channel(TWO, "gaussian:vertex=4 + coordinate:x + gaussian:vertex=5"))
+    session = opened(
+        channel=Channel(THREE_GAUSSIANS, "gaussian:vertex=4 + coordinate:x + gaussian:vertex=5")
+    )
     yield session
     session.close()
 
@@ -43,7 +45,7 @@ def test_active_gaussian_moves_and_stays_active(session):
     active_gaussian.move(session, "target", 4, "drag")  # to its present place
     assert session.document.side == "target"
     session.editor.select(side="source", bump=2)
-    session.editor.set_spec("target", TWO)
+    session.editor.set_spec("target", THREE_GAUSSIANS)
     assert session.document.bump == 0
     session.editor.set_spec("target", "gaussian:vertex=1 + gaussian:vertex=2", bump=1)
     assert session.document.bump == 1
@@ -60,7 +62,7 @@ def test_wheel_changes_the_width_within_limits(session):
         widths = [gaussian.width for gaussian in gaussians(session.active.source)]
         assert widths == [0.1, width, 0.1]
     session.undo()
-    assert session.active.source == TWO
+    assert session.active.source == THREE_GAUSSIANS
     assert active_gaussian.obstacle_to_move(session, "source") == ""
     session.editor.set_spec("source", "coordinate:x")
     check_message(active_gaussian.obstacle_to_move(session, "source"))

@@ -20,8 +20,8 @@ from tests.messages import raises
 from tests.shapes import ellipsoid
 
 SIZE = (480, 300)
-BARE = PictureOptions(color_bar=False, labels=False)
-TURNING = replace(BARE, turns=True)
+SURFACES_ONLY = PictureOptions(color_bar=False, labels=False)
+TURNING = replace(SURFACES_ONLY, turns=True)
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=0.7,z=0,width=0.15")
 
@@ -39,7 +39,7 @@ def viewed(document, **view):
     return replace(document, view=replace(document.view, **view))
 
 
-def drawn(document, size=SIZE, options=BARE, time=2.0, degrees=0.0):
+def drawn(document, size=SIZE, options=SURFACES_ONLY, time=2.0, degrees=0.0):
     """Return one picture as an array."""
     with DocumentRenderer(document, {}, size, options) as renderer:
         return np.asarray(renderer.picture(time, degrees)).astype(int)
@@ -97,7 +97,7 @@ def test_frames_show_exact_functions(document):
             at_tau = time == document.parameters.tau
             expected = document.result.advected[:, 0] if at_tau else document.result.advect(time)
             np.testing.assert_allclose(values, expected, rtol=1e-10, atol=1e-12)
-    with DocumentRenderer(document, {}, (120, 80), BARE) as renderer:
+    with DocumentRenderer(document, {}, (120, 80), SURFACES_ONLY) as renderer:
         frames = list(renderer.frames(0.0, 2.0, 3, 0.0))
         assert [frame.shape for frame in frames] == [(80, 120, 3)] * 3
         for frame, time in zip(frames, (0.0, 1.0, 2.0), strict=True):
@@ -107,7 +107,7 @@ def test_frames_show_exact_functions(document):
 @pytest.mark.usefixtures("coarse_streaks")
 def test_moving_streaks_are_periodic_in_a_movie(document):
     streaks = viewed(document, streaks=True, animate=True, layout="advected only")
-    with DocumentRenderer(streaks, {}, SIZE, BARE) as renderer:
+    with DocumentRenderer(streaks, {}, SIZE, SURFACES_ONLY) as renderer:
         frames = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0)]
         again = np.asarray(renderer.picture(2.0, phase=1.0)).astype(int)
         twice = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0, cycles=2)]
@@ -119,7 +119,7 @@ def test_moving_streaks_are_periodic_in_a_movie(document):
 
 
 def test_error_range_is_constant_in_a_movie(document):
-    with DocumentRenderer(viewed(document, error=True), {}, SIZE, BARE) as renderer:
+    with DocumentRenderer(viewed(document, error=True), {}, SIZE, SURFACES_ONLY) as renderer:
         ranges, largest = [], []
         for _ in renderer.frames(0.0, 2.0, 3, 0.0):
             ranges.append(renderer._scene.paints["error"].colors)

@@ -34,7 +34,7 @@ def facts(verdict, residual, log2_area):
     return Facts(Outcome(verdict), verdict, numbers=found)
 
 
-def test_best_rows():
+def test_best_rows_are_close_or_little_distorted():
     rows = swept((0.02, 0.5), (0.03, 0.4), (0.035, 0.45), (0.04, 0.2), (0.05, 0.2), None)
     best = best_of(rows)
     assert numbers(rows, best) == (0, 3, [0, 1, 3])

@@ -16,7 +16,9 @@ from tests.viewer import sessions
 from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, ready, solving, until
 
 TORUS = torus(24, 12)
-FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.3,z=-0.95,width=0.12")
+DISTANT_CHANNEL = Channel(
+    "gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.3,z=-0.95,width=0.12"
+)
 BLIND = Parameters.of(reach=0.0, iterations=40, refine=0, divergence=1.0)
 
 
@@ -153,7 +155,7 @@ def test_failed_run_keeps_its_best_field(endless, monkeypatch):
 @pytest.fixture
 def missed():
     """Return a session whose match has not reached its target."""
-    session = matched(sessions.opened(BLIND, FAR))
+    session = matched(sessions.opened(BLIND, DISTANT_CHANNEL))
     yield session
     session.close()
 
@@ -185,7 +187,7 @@ def test_first_remedy_improves_the_match_in_one_step(missed):
 def test_continue_starts_from_the_current_field(missed):
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
     assert not missed.matching.warm
-    missed.remedy(Remedy("Continue", "go on", {}, True))
+    missed.remedy(Remedy("Continue", "resume the match", {}, True))
     until(lambda: missed.solver.finished, missed)
     assert missed.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)
     assert history[:, 0].max() > 2 * history[-1, 0]

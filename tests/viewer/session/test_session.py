@@ -77,12 +77,8 @@ def test_new_mesh_starts_with_default_parameters_and_view(fresh):
     assert fresh.view == View(theme="dark")
     fresh.undo()
     assert (fresh.parameters.sigma, fresh.view) == (0.5, wanted)
-
-
-def test_second_surface_keeps_the_parameters(fresh):
-    fresh.editor.amend(parameters=Parameters(sigma=0.5), view=replace(fresh.view, arrows=True))
-    fresh.set_surfaces(fresh.surface(), Surface(TORUS, "torus"))
-    assert (fresh.parameters.sigma, fresh.view.arrows) == (0.5, True)
+    fresh.set_surfaces(fresh.surface(), Surface(TORUS, "torus"))  # a second one keeps both
+    assert (fresh.parameters.sigma, fresh.view.streaks) == (0.5, True)
 
 
 def test_values_of_one_mesh_are_never_shown_on_another(fresh):

@@ -17,8 +17,8 @@ from tests.viewer.sessions import QUICK, matched, ready, until
 
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
 SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
-SAME = "gaussian:x=0.5,y=0.4,z=0.3,width=0.3"
-SHORT = Parameters.of(iterations=5, refine=0, cooling_stages=1)
+GAUSSIAN = "gaussian:x=0.5,y=0.4,z=0.3,width=0.3"
+SHORT_RUN = Parameters.of(iterations=5, refine=0, cooling_stages=1)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -31,7 +31,7 @@ def _one_process_for_one_session_after_the_other():
 def pair():
     session = Session(A, "a.off")
     session.set_surfaces(*SURFACES)
-    session.editor.amend(channels=(Channel(SAME, SAME),), parameters=SHORT)
+    session.editor.amend(channels=(Channel(GAUSSIAN, GAUSSIAN),), parameters=SHORT_RUN)
     yield ready(session)
     session.close()
 
@@ -75,7 +75,7 @@ def test_equal_specs_on_both_surfaces_have_separate_values(pair, tmp_path):
     files = Channel("file:there.npy", "file:there.npy")
     rng = np.random.default_rng(0)
     on_a, on_b = rng.normal(size=len(A.vertices)), rng.normal(size=len(B.vertices))
-    document = PairDocument(SURFACES, (files,), parameters=SHORT)
+    document = PairDocument(SURFACES, (files,), parameters=SHORT_RUN)
     pair.restore(document, {"A: file:there.npy": on_a, "file:there.npy": on_b}, None)
     ready(pair)
     assert_array_equal(pair.values("source"), on_a)
@@ -89,13 +89,13 @@ def test_equal_specs_on_both_surfaces_have_separate_values(pair, tmp_path):
     assert [one.name for one in opened.surfaces] == ["a.off", "b.off"]
 
 
-NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
+SOURCE_SPEC, TARGET_SPEC = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
 
 
 @pytest.fixture
 def registered(pair):
     """Return a session after a match that started with the same connectivity."""
-    channels = (Channel(NEAR, FAR),)
+    channels = (Channel(SOURCE_SPEC, TARGET_SPEC),)
     pair.editor.amend(parameters=QUICK, channels=channels, initial="connectivity")
     return matched(ready(pair))
 

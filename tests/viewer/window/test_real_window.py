@@ -16,7 +16,7 @@ from abfm.assets import asset_path
 from tests.processes import run
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Xvfb is Linux's")
-_PAUSE = 0.1  # time for the app to process an event, in seconds
+_PAUSE_SECONDS = 0.1  # time for the app to process an event, in seconds
 
 
 class RealWindow:
@@ -28,7 +28,7 @@ class RealWindow:
     def xdotool(self, *words):
         """Send an event, and wait until the app has processed it."""
         done = run("xdotool", *map(str, words), env=self._environment, check=True)
-        time.sleep(_PAUSE)
+        time.sleep(_PAUSE_SECONDS)
         return done.stdout.strip()
 
     def widgets(self):

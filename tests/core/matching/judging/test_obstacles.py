@@ -11,7 +11,7 @@ from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
 COUNT = len(SPHERE.vertices)
-SHORT = Parameters.of(iterations=5, refine=0)
+SHORT_RUN = Parameters.of(iterations=5, refine=0)
 
 
 def at(degrees, width=0.2):
@@ -51,7 +51,7 @@ def test_outcome_is_symmetric(name):
 def test_verdict_agrees_with_expected_facts(name):
     f, g = PAIRS[name]
     for pair in ((f, g), (g, f)):
-        problem = Problem(SPHERE, *pair, SHORT)
+        problem = Problem(SPHERE, *pair, SHORT_RUN)
         found = abfm.match(problem)
         assert found.facts.outcome is Outcome.IMPOSSIBLE
         assert found.verdict.why == expected_facts(problem).reason

@@ -26,9 +26,9 @@ from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
 # without the search for distant targets, so that matches fail for various causes
-USUAL = Parameters.of(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
+PAPER_RUN = Parameters.of(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=150)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
-FLAT = np.full(len(SPHERE.vertices), 0.3)
+CONSTANT = np.full(len(SPHERE.vertices), 0.3)
 
 
 def at(degrees, width=0.15, mesh=SPHERE):
@@ -54,7 +54,7 @@ def judged(match, **known):
     return judge(functions, evidence, match.parameters)
 
 
-def verdict_of(f, g, advected, reason="converged", parameters=USUAL, **known):
+def verdict_of(f, g, advected, reason="converged", parameters=PAPER_RUN, **known):
     """Return the verdict of a match with this advected source (V,)."""
     problem, advected = FunctionTerm(SPHERE, f, g), advected[None]
     evidence = Evidence(advected, problem.residual(advected), StopReason(reason), **known)
@@ -86,7 +86,7 @@ def test_outcome_depends_on_the_larger_residual(mismatches):
     problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
     for mismatch, verified in mismatches:
         evidence = Evidence(at(38)[None], mismatch, StopReason.CONVERGED, verified)
-        kind = judge(problem, evidence, USUAL).kind
+        kind = judge(problem, evidence, PAPER_RUN).kind
         assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.05)
         assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.15)
         judged_by.append((worse_residual(mismatch, verified), kind.rank))
@@ -95,7 +95,7 @@ def test_outcome_depends_on_the_larger_residual(mismatches):
 
 
 def test_equal_functions_match_unless_constant():
-    flat, noise = np.ones(len(FLAT)), 1 + 1e-10 * SPHERE.vertices[:, 0]
+    flat, noise = np.ones(len(CONSTANT)), 1 + 1e-10 * SPHERE.vertices[:, 0]
     for f, g in itertools.product((noise, flat), repeat=2):
         verdict = judged(matched(f, g, iterations=2))
         assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.BOTH_CONSTANT)
@@ -106,7 +106,7 @@ def test_equal_functions_match_unless_constant():
 
 def test_verdict_ignores_a_large_constant():
     """A constant offset does not hide a residual, even if functions vary by 1e-8 of it only."""
-    f, g, flat = at(0, 0.2), at(30, 0.2), np.ones(len(FLAT))
+    f, g, flat = at(0, 0.2), at(30, 0.2), np.ones(len(CONSTANT))
     for size in (1e-2, 1e-5, 1e-8):
         unmoved = judged(matched(1 + size * f, 1 + size * g, iterations=0))
         assert unmoved.kind == "not reached"
@@ -134,18 +134,18 @@ def test_different_ranges_are_impossible():
 
 
 def test_constant_functions_are_impossible():
-    match = matched(at(0, 0.2), FLAT)
-    to_flat, from_flat = judged(match), judged(matched(FLAT, at(0)))
+    match = matched(at(0, 0.2), CONSTANT)
+    to_flat, from_flat = judged(match), judged(matched(CONSTANT, at(0)))
     assert to_flat.kind == from_flat.kind == "impossible"
     assert (to_flat.cause, from_flat.cause) == (Cause.TARGET_CONSTANT, Cause.SOURCE_CONSTANT)
-    assert judged(matched(FLAT, 2 * FLAT)).kind == "impossible"
-    assert judged(matched(at(0), 0 * FLAT, iterations=3)).kind == "impossible"
+    assert judged(matched(CONSTANT, 2 * CONSTANT)).kind == "impossible"
+    assert judged(matched(at(0), 0 * CONSTANT, iterations=3)).kind == "impossible"
 
 
 def test_vanished_source_is_not_reached():
     f, g, seen = at(0, 0.05, FINE), at(120, 0.05, FINE), []
     problem = FunctionTerm(FINE, f, g)
-    match = abfm.match(FINE, f, g, USUAL.with_values(iterations=20), on_iteration=seen.append)
+    match = abfm.match(FINE, f, g, PAPER_RUN.with_values(iterations=20), on_iteration=seen.append)
     verdict = judged(match)
     assert verdict.kind == "not reached"
     check_message(verdict.reason, "1.4", 1)
@@ -156,11 +156,11 @@ def test_vanished_source_is_not_reached():
     check_message(seen[5].warning)
     evidence = Evidence(match.advected.T, match.residual, StopReason.NO_PROGRESS)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
-    check_message(judge(problem, evidence, USUAL.with_values(reach=1.0)).advice)
+    check_message(judge(problem, evidence, PAPER_RUN.with_values(reach=1.0)).advice)
 
 
 def test_unmoved_source_is_not_reached():
-    large_sigma = USUAL.with_values(sigma=10.0, cooling_stages=1)
+    large_sigma = PAPER_RUN.with_values(sigma=10.0, cooling_stages=1)
     match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), large_sigma)
     verdict, problem = judged(match), FunctionTerm(SPHERE, match.source, match.target)
     assert verdict.kind == "not reached"
@@ -272,7 +272,7 @@ def test_similar_signals_have_a_neutral_reason():
 
 def test_every_verdict_is_one_line_without_a_full_stop():
     f, g, unknown, kinds = at(0), at(60), np.nan, set()
-    for source, target in ((f, g), (f, 1.3 * g), (f, 3 * g), (f, g + at(-60)), (FLAT, f)):
+    for source, target in ((f, g), (f, 1.3 * g), (f, 3 * g), (f, g + at(-60)), (CONSTANT, f)):
         for advected, reason, verified, folded in itertools.product(
             (source, target, 0.05 * source, at(30)),
             ("converged", "iteration limit", "line search failed", "cancelled"),
@@ -299,7 +299,7 @@ def remedies(parameters, degrees=60, width=0.1, refined=0):
 @pytest.mark.parametrize(
     ("names", "degrees", "parameters"),
     [
-        (["Reach further"], 150, USUAL),
+        (["Reach further"], 150, PAPER_RUN),
         (["Reach further"], 150, Parameters.of(reach=0.0, refine=0)),
         (["More time", "Continue"], 60, Parameters.of(iterations=20, refine=0)),
         (["Match closer", "Refine"], 90, Parameters(sigma=1.5)),
@@ -331,7 +331,7 @@ def test_larger_tau_is_equivalent_to_smaller_sigma():
 
 
 def test_remedy_changes_only_different_parameters():
-    without_reach = remedies(USUAL, 120).larger_reach()
+    without_reach = remedies(PAPER_RUN, 120).larger_reach()
     assert without_reach.parameters["reach"] == 1.0
     names = {"order", "levels", "sigma", "sigma_unit", "iterations"}
     assert names <= without_reach.parameters.keys()

@@ -18,9 +18,9 @@ from tests.shapes import hemisphere, icosphere, open_cylinder
 
 MESHES = {"closed": icosphere(2, radius=3.0), "boundary": hemisphere(7)}
 CLOSED, OPEN = MESHES.values()
-FINE = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
-USUAL = Parameters(alpha=0.05, beta=0.01, sigma=0.1, tau=1.3)
-PLAIN = Parameters.of(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
+FINE_MESHES = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
+PARAMETERS = Parameters(alpha=0.05, beta=0.01, sigma=0.1, tau=1.3)
+PAPER_PARAMETERS = Parameters.of(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
 REACHES = [0.0, 0.4]
 
 
@@ -41,7 +41,7 @@ def frames(mesh, count):
     return to_frame(mesh, fields(mesh, count))
 
 
-def energy(mesh, channels=1, p=USUAL, **changes):
+def energy(mesh, channels=1, p=PARAMETERS, **changes):
     """Return the energy; several channels have a mask and weights."""
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
     weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
@@ -93,7 +93,7 @@ def test_gradient_is_exact_with_a_shift(reach):
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
 def test_shift_is_equivalent_to_a_shifted_target(mesh):
     (f, g), v = problem(mesh, 3), frames(mesh, 1)
-    p = USUAL.with_values(sigma_unit="absolute", divergence=1.0)
+    p = PARAMETERS.with_values(sigma_unit="absolute", divergence=1.0)
     shift = np.random.default_rng(3).normal(size=g.shape)
     shifted, other = MatchingEnergy(mesh, f, g, p), MatchingEnergy(mesh, f, g + shift, p)
     found = shifted.objective(0.1, shift=shift.T).evaluate(v)
@@ -115,8 +115,8 @@ def test_larger_tolerance_has_larger_error():
 @pytest.mark.parametrize("extras", [{}, {"gradient": "bracket"}, {"method": "linearised"}])
 def test_gradient_can_be_computed_later(extras):
     """The gradient of an evaluation is exact after later evaluations, which share its memory."""
-    mesh = FINE["closed"]
-    E = MatchingEnergy(mesh, *problem(mesh, 2), PLAIN.with_values(segments=0, **extras))
+    mesh = FINE_MESHES["closed"]
+    E = MatchingEnergy(mesh, *problem(mesh, 2), PAPER_PARAMETERS.with_values(segments=0, **extras))
     v, w = (to_frame(E.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
     early = E.objective(0.1).evaluate(v).gradient
     late = E.objective(0.1).evaluate(v)
@@ -126,7 +126,7 @@ def test_gradient_can_be_computed_later(extras):
 
 def test_value_agrees_with_the_formula():
     """The energy equals Eq. 6 by SciPy's exponential and explicit matrices, for unit area."""
-    mesh, p = FINE["boundary"], PLAIN.with_values(segments=3)
+    mesh, p = FINE_MESHES["boundary"], PAPER_PARAMETERS.with_values(segments=3)
     (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0.01, 1, len(mesh.vertices)), [0.5, 2.0]
     R, C = vector_norm_matrix(unit, p.alpha), function_norm_matrix(unit, p.beta, mask)
@@ -140,11 +140,13 @@ def test_value_agrees_with_the_formula():
 
 
 def test_bracket_gradient_converges_with_substeps():
-    mesh = FINE["closed"]
+    mesh = FINE_MESHES["closed"]
     v = 0.15 * wavy_field(mesh, 4)[None] / mesh.length_scale
 
     def gradient(**changes):
-        found = MatchingEnergy(mesh, *problem(mesh), PLAIN.with_values(alpha=0.0, **changes))(v)[1]
+        found = MatchingEnergy(
+            mesh, *problem(mesh), PAPER_PARAMETERS.with_values(alpha=0.0, **changes)
+        )(v)[1]
         return found / np.linalg.norm(found)
 
     exact = gradient()
@@ -155,7 +157,7 @@ def test_bracket_gradient_converges_with_substeps():
 
 def test_linearised_bracket_is_the_exact_gradient():
     """For linearised flows (Eq. 8) there is no bracket, so both gradients are equal."""
-    mesh, p = FINE["closed"], PLAIN.with_values(method="linearised", segments=3)
+    mesh, p = FINE_MESHES["closed"], PAPER_PARAMETERS.with_values(method="linearised", segments=3)
     exact, bracket = (
         MatchingEnergy(mesh, *problem(mesh), p.with_values(gradient=kind))(fields(mesh, 3))[1]
         for kind in ("adjoint", "bracket")
@@ -257,5 +259,8 @@ def test_overflow_has_infinite_energy():
     E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
     assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
     assert np.isnan(E.advected(1e9 * v)).all()
-    mesh = FINE["closed"]
-    assert MatchingEnergy(mesh, *problem(mesh), PLAIN)(1e6 * wavy_field(mesh, 0)[None])[0] == np.inf
+    mesh = FINE_MESHES["closed"]
+    assert (
+        MatchingEnergy(mesh, *problem(mesh), PAPER_PARAMETERS)(1e6 * wavy_field(mesh, 0)[None])[0]
+        == np.inf
+    )

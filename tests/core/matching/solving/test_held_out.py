@@ -13,7 +13,7 @@ from tests.shapes import hemisphere, icosphere, torus
 
 SPHERE = icosphere(4)
 MASK = np.clip(SPHERE.vertices[:, 0] + 0.3, 0, 1)
-ONE = Variant(0.01, 1)
+VARIANT = Variant(0.01, 1)
 
 
 def energy(f, g, mask=None):
@@ -68,7 +68,7 @@ def test_every_vertex_is_held_out_once(mask):
 def test_score_is_the_residual_of_held_out_patches():
     complete = energy(*bumps(5))
     rest = np.zeros(complete.shape)
-    stage = Schedule(Parameters.of(iterations=0), complete.functions, 1).stage(0, 1.0, ONE)
+    stage = Schedule(Parameters.of(iterations=0), complete.functions, 1).stage(0, 1.0, VARIANT)
     residuals = [
         complete.functions.with_mask(hidden).residual(complete.functions.source)
         for _, hidden in fold_energies(complete)
@@ -80,7 +80,7 @@ def test_score_is_the_residual_of_held_out_patches():
 def test_fields_do_not_depend_on_held_out_values():
     (f, g), fields = bumps(5), []
     p = Parameters.of(iterations=5, sigma_unit="absolute", divergence=1.0)
-    stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
+    stage = Schedule(p, energy(f, g).functions, 1).stage(0, 0.3, VARIANT)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
         complete = MatchingEnergy(SPHERE, f, target, p)
         held = HeldOut.at(complete, np.zeros(complete.shape)).follow([stage])
@@ -101,7 +101,7 @@ def test_held_out_residual_distinguishes_flow_from_noise():
         schedule = Schedule(Parameters.of(iterations=20), complete.functions, 1)
         held = HeldOut.at(complete, np.zeros(complete.shape))
         before = held.follow([schedule.stage(0, 1e6, Variant(1.0, 1))]).score(0.0).held_out
-        stages = [schedule.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]
+        stages = [schedule.stage(0, sigma, VARIANT) for sigma in (3.0, 1.0, 0.3)]
         after = held.follow(stages).score(0.0).held_out
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains

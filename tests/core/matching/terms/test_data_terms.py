@@ -138,7 +138,7 @@ def test_other_norm_of_fields_has_exact_gradient():
 
 
 REACHES = [0.05, 0.5, 2.0]
-ONE = np.ones(1)
+WEIGHT = np.ones(1)
 
 
 @pytest.fixture(params=SURFACES)
@@ -149,7 +149,7 @@ def mesh(request):
 def metric(mesh, reach, areas=None):
     """Return a smoothed norm that is scaled for a random mismatch."""
     areas = vertex_areas(mesh) if areas is None else areas
-    return SmoothedNorm(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
+    return SmoothedNorm(mesh, areas, reach, random_function(mesh, 0)[None], WEIGHT)
 
 
 @pytest.mark.parametrize("reach", REACHES)
@@ -171,7 +171,7 @@ def test_smoothed_norm_is_symmetric_and_positive(mesh, reach):
 def test_constants_have_the_energy_of_l2(mesh):
     """Without a mask, a constant mismatch has its L2 energy for any reach, since ``L 1 = 0``."""
     flat, areas = np.ones(len(mesh.vertices)), vertex_areas(mesh)
-    smoothed = SmoothedNorm(mesh, areas, 0.7, 3 * flat[None], ONE)
+    smoothed = SmoothedNorm(mesh, areas, 0.7, 3 * flat[None], WEIGHT)
     assert_allclose(smoothed(flat), areas, rtol=1e-10)
 
 
@@ -190,7 +190,7 @@ def test_spherical_harmonics_are_damped_by_their_eigenvalues():
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
         (x, y, z), areas = mesh.vertices.T, vertex_areas(mesh)
-        smoothed = SmoothedNorm(mesh, areas, reach, z[None], ONE)
+        smoothed = SmoothedNorm(mesh, areas, reach, z[None], WEIGHT)
         damped = [h @ smoothed(h) / (h @ (areas * h)) for h in (x * y, x * y * z)]
         expected = [(1 + 2 * reach**2) / (1 + k * (k + 1) * reach**2) for k in (2, 3)]
         errors.append(np.abs(np.array(damped) / expected - 1).max())

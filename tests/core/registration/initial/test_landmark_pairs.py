@@ -53,7 +53,7 @@ def test_named_columns_of_names_and_weights(read):
     assert_allclose(found.b.positions, B.vertices[[9, 8]], atol=1e-12)
 
 
-def test_first_vertex_number(read):
+def test_vertex_numbers_are_those_of_the_files(read):
     """Vertices count from 1 in .vts files, and include unused vertices of the mesh file."""
     assert_allclose(read("1 162\n", "pairs.vts").b.positions, B.vertices[[161]], atol=1e-12)
     loose = with_loose_vertex(A)
