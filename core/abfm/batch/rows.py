@@ -224,7 +224,7 @@ def _text(value: Any) -> str:
         return repr(value)
     if isinstance(value, tuple):
         return shlex.join(map(_text, value))
-    raise ParameterError(f"{brief(value)} is not a text, a path or a number")
+    raise ParameterError(f"the value is {brief(value)}; expected a text, a path or a number")
 
 
 def _content(path: str) -> str:

@@ -113,7 +113,7 @@ def _columns(cells: Sequence[str]) -> list[str]:
             )
         is_repeated = column in found and column and not (column in known and known[column].repeats)
         if is_repeated:
-            raise ParameterError(f"column {number}: {brief(cell)} is repeated")
+            raise ParameterError(f"column {number} repeats the name {brief(cell)}; remove it")
         found.append(column)
     return found
 

@@ -107,9 +107,9 @@ def circular_frames(
 def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
     """Return the period of values (V,) that wrap around, such as angles; None for other values.
 
-    The range of such values is 2 pi or 360, which is the period. On 3 or more edges they jump by
-    more than 0.9 of the range, and on at most as many by 0.3 to 0.9 of it. Step functions are
-    excluded: they have few values in the middle of the range.
+    The range of such values is 2 pi or 360, which is the period. They jump by more than 0.9 of the
+    range on 3 or more edges. They jump by 0.3 to 0.9 of it on at most as many edges. Step functions
+    are excluded: they have few values in the middle of the range.
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():

@@ -59,7 +59,7 @@ def _array(name: str, parts: list[Element], order: str) -> NDArray[Any]:
     if _flags(parts, order) & _COMPLEX_FLAG:
         raise ValueError(f"the array {brief(name)} is complex; expected real numbers")
     if kind not in _TYPES:
-        raise ValueError(f"the array {brief(name)} has the unknown type {kind}")
+        raise ValueError(f"the array {brief(name)} has type {kind}, which MATLAB does not use")
     dtype = np.dtype(order + _TYPES[kind])
     shape = tuple(int(size) for (size,) in struct.iter_unpack(f"{order}i", sizes))
     if min(shape, default=-1) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):

@@ -261,7 +261,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
         raise ValueError(
             "the file has a surface but no values; expected a file of values"
             if is_mesh
-            else "the file has no data array"
+            else "the file has no data array; expected values at vertices"
         )
     if len({len(array.values) for array in arrays.values()}) > 1:
         sizes = " and ".join(dict.fromkeys(str(len(array.values)) for array in arrays.values()))
@@ -313,7 +313,7 @@ def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
     )
     if array.intent == LABEL or is_named:
         if not is_integer or (np.abs(array.values) > _KEY_MAX).any():
-            raise ValueError("a key of a label is not an integer")
+            raise ValueError("a key of a label is not an integer; expected integer keys")
         return True
     has_names = any(name for key, name in gifti.names.items() if key != 0)
     return is_integer and has_names and array.intent in ("", "NIFTI_INTENT_NONE")
@@ -331,7 +331,7 @@ def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
             "equal numbers"
         )
     if indices[0].dtype.kind == "f" and not np.array_equal(indices[0], np.rint(indices[0])):
-        raise ValueError("the node indices are not integers")
+        raise ValueError("the node indices are not integers; expected numbers of vertices")
     return indices[0].astype(np.int64)
 
 
@@ -390,7 +390,7 @@ def _annotation(opened: Opened, request: Request) -> Columns:
 def _label_list(opened: Opened, request: Request) -> Columns:
     found = freesurfer_label(opened.data)
     if len(found.values) == 0:
-        raise ValueError("the file lists no vertices")
+        raise ValueError("the file lists no vertices; expected at least one")
     return found
 
 

@@ -139,7 +139,7 @@ def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any
     count = math.prod(shape)
     size = count * (8 if encoding == "ASCII" else kind.itemsize)
     if size > size_max:
-        raise ValueError(f"an array of shape {shape} is too large for a file of this size")
+        raise ValueError(f"a file of this size cannot have an array of shape {shape}")
     if encoding == "ASCII":
         if text.strip().count("\n") + 1 == shape[0]:
             order = "C"  # a line is a row in any announced order, as in other readers

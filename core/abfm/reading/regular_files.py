@@ -155,11 +155,11 @@ def array_from(data: bytes) -> NDArray[Any]:
     start, shape, is_fortran, dtype = _header(data, len(data))
     array = np.frombuffer(data, dtype, math.prod(shape), start)
     if dtype.kind == "b" and (array.view(np.uint8) > 1).any():
-        raise ValueError("a boolean value is neither 0 nor 1")
+        raise ValueError("a boolean value is neither 0 nor 1; the file is damaged")
     if dtype.kind == "U":
         letters = array.view(np.dtype("u4").newbyteorder(dtype.byteorder))
         if (letters > sys.maxunicode).any():
-            raise ValueError("a text has a character that is not in Unicode")
+            raise ValueError("a text has a character outside Unicode; the file is damaged")
     return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")
 
 
@@ -280,7 +280,7 @@ class Archive(Mapping[str, NDArray[Any]]):
                 f"the members up to {name} are too large in total for a zip of this size"
             )
         if member.compress_type not in _METHODS:
-            raise ValueError(f"{name} has another compression method than deflate")
+            raise ValueError(f"{name} has an unsupported compression method; expected deflate")
         return member
 
 

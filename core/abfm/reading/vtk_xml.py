@@ -167,7 +167,7 @@ class _File:
         size = count * columns * (8 if form == "ascii" else kind.itemsize)
         self._budget -= size
         if self._budget < 0:
-            raise ValueError(f"the array {name} is too large for a file of this size")
+            raise ValueError(f"a file of this size cannot have all values of the array {name}")
         # the text of the array without the child elements that VTK writes
         text = (array.text or "") + "".join(each.tail or "" for each in array)
         if form == "ascii":

@@ -300,7 +300,7 @@ class SequenceTask(Task):
     def notes(self) -> list[str]:
         notes = [*mesh_notes(self.mesh), *self.frames.notes]
         if self.times is None:
-            notes.append("the file has no times; frames are 1 apart. Use --dt to give seconds.")
+            notes.append("the file has no times; frames get the times 0, 1, 2, ... (set --dt)")
         return notes
 
     def check_export(self, path: Path) -> None:

@@ -79,5 +79,5 @@ def read_mni_obj(opened: Opened) -> FileContents:
     words.numbers(4 * (1, polygon_count, point_count)[per_color], "the list of colours")
     sizes = np.diff(words.integers(polygon_count, "the list of ends"), prepend=0)
     if (sizes < 0).any():
-        raise ValueError("the end indices of the polygons do not increase, as they should")
+        raise ValueError("the end indices of the polygons do not increase; the file is damaged")
     return split_polygons(vertices, sizes, words.integers(int(sizes.sum()), "the list of corners"))

@@ -132,7 +132,7 @@ def _skinned(
         joints.append(document.numbers(of_set[0], "VEC4").astype(np.int64))
         weights.append(document.at_vertices(part, of_set[1], "VEC4"))
     if not joints:
-        raise ValueError("a mesh has a skin but no JOINTS_0 and WEIGHTS_0, as glTF requires")
+        raise ValueError("a mesh has a skin; glTF also requires JOINTS_0 and WEIGHTS_0")
     joint, weight = np.concatenate(joints, axis=1), np.concatenate(weights, axis=1)
     if joint.shape != weight.shape:
         raise ValueError(

@@ -50,14 +50,14 @@ def of(entry: Any, name: str, kind: type, default: Any) -> Any:
     """
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
-        raise ValueError(f"the value of {name} is not {_TYPE_NAMES[kind]}, as glTF requires")
+        raise ValueError(f"the value of {name} has a wrong type; expected {_TYPE_NAMES[kind]}")
     return found
 
 
 def indices_of(entry: dict[str, Any], name: str) -> list[int]:
     found: list[int] = of(entry, name, list, [])
     if not all(type(index) is int for index in found):
-        raise ValueError(f"the value of {name} is not a list of integers, as glTF requires")
+        raise ValueError(f"the value of {name} has a wrong type; expected a list of integers")
     return found
 
 
