@@ -146,7 +146,9 @@ def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
         with suppress(Empty):
             client = clients.get(timeout=_POLL_SECONDS)
             if isinstance(client, str):
-                raise ResultError(f"no scheduler answers at {one_line(address)}: {client}")
+                raise ResultError(
+                    f"no scheduler answers at {one_line(address)}: {client}. Check its address"
+                )
             return client
     raise CancelledError
 

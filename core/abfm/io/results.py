@@ -165,7 +165,7 @@ MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 
 
 class FileKind(NamedTuple):
-    """Name of a kind of file, and its arrays."""
+    """A kind of file: its name in messages, and the arrays that it contains."""
 
     name: str
     entries: Mapping[str, Entry]

@@ -30,9 +30,7 @@ def even_step(path: str | os.PathLike[str], times: ArrayLike) -> float:
     seconds = real_numbers(times, "times", ResultError)
     step = float(seconds[-1] - seconds[0]) / max(len(seconds) - 1, 1) or 1.0
     if np.abs(np.diff(seconds) - step).max(initial=0.0) > _TIME_ROUNDING * step:
-        raise ResultError(
-            f"cannot write {path}: the times are not evenly spaced, which this format requires"
-        )
+        raise ResultError(f"cannot write {path}: this format requires evenly spaced times")
     return step
 
 
@@ -56,7 +54,8 @@ def write_stc(
     frames = real_numbers(values, "values", ResultError)
     if frames.shape != (len(seconds), len(vertices)) or frames.size == 0:
         raise ResultError(
-            f"values have shape {frames.shape}; expected ({len(seconds)}, {len(vertices)})"
+            f"values have shape {frames.shape}; expected ({len(seconds)}, {len(vertices)}), one "
+            "row for each time"
         )
     head = np.array([1000 * seconds[0], 1000 * even_step(path, seconds)], dtype=">f4").tobytes()
     numbers = np.array([len(vertices), *vertices, len(seconds)], dtype=">u4")

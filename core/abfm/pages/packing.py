@@ -47,7 +47,7 @@ def quantized(values: ArrayLike) -> Quantized:
 
 
 def quantized_points(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
-    """Return points (N, 3) as integers, the lowest corner of their bounding box, and three steps.
+    """Return points (N, 3) as integers, the lowest corner of their bounding box, and steps (3,).
 
     Points recovered as ``corner + steps * integers`` differ by at most half a step.
     """

@@ -248,9 +248,8 @@ def _sign_and_unit(data: ComparisonData, others: Sequence[LeaveOneOut], subject:
             return "; its values have the opposite sign"
         if not 1 / _SPREAD_RATIO_MAX < own_norm / norm < _SPREAD_RATIO_MAX:
             ratio = own_norm / norm
-            text = f"its values vary {ratio:.2g} times as much over the surface"
-            return f"; {text}, as in another unit"
+            return f"; its values vary {ratio:.2g} times as much as the mean, as in another unit"
         if abs(value_mean - mean) > norm:
             shift = (value_mean - mean) / norm
-            return f"; the mean of its values differs by {shift:.2g} standard deviations"
+            return f"; its mean differs from that of the others by {shift:.2g} standard deviations"
     return ""

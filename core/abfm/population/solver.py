@@ -169,7 +169,9 @@ class PopulationSolver:
         best = int(np.argmax(chosen))
         if not np.isfinite(chosen[best]):
             reason = next(filter(None, outliers.reasons), "their functions are not similar")
-            raise ParameterError(f"no subject can be the first target: {reason}")
+            raise ParameterError(
+                f"no subject can be the first target: {reason}. Give functions of the template"
+            )
         return Target.from_partial(
             self.template, values[best][:, channels].T, masks[best] * self.mask
         )

@@ -169,7 +169,7 @@ def _cohort(text: str, folder: str) -> Cohort:
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
-    """Check the names of the columns; return them, those other than channels in lower case."""
+    """Return the checked names of the columns, in lower case except those of channels."""
     found = []
     for number, cell in enumerate(cells, 1):
         if not cell:

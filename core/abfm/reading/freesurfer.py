@@ -151,7 +151,10 @@ def freesurfer_annotation(data: bytes) -> Labels:
             [key_of_color.get(color, NO_LABEL) for color in unique.tolist()], dtype=np.int64
         )
         if colors.any() and (keys == NO_LABEL).all():
-            raise ValueError(f"no vertex has one of the {len(codes)} colours of the colour table")
+            raise ValueError(
+                f"no vertex has one of the {len(codes)} colours of the colour table; the file may "
+                "be damaged"
+            )
         colors = keys[place]
     values = np.empty(count, dtype=np.int64)
     values[vertices] = colors

@@ -119,7 +119,7 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     text = _text(data)
     lines = list(_lines(text, "#"))
     if not lines:
-        raise ValueError("the file has no numbers")
+        raise ValueError("the file has no numbers; expected a table of numbers")
     separator = _separator(lines[min(1, len(lines) - 1)])
     first = [name.strip() for name in _split(lines[0], separator)]
     names = [] if _are_numbers(first) else first

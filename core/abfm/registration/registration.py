@@ -171,9 +171,10 @@ class Registration(Correspondence):
             warnings += (f"{folded:,} of {faces:,} faces of B are folded by the map to A",)
             topics += (WarningTopic.FOLDED_FACES,)
         if flipped and is_sphere(self.b):
-            count = f"{flipped:,} of {len(self.a.faces):,} faces of A"
-            reason = "are flipped if only its vertices are moved to B, as in a sphere.reg file"
-            warnings += (f"{count} {reason}",)
+            warnings += (
+                f"{flipped:,} of {len(self.a.faces):,} faces of A are flipped if only its vertices "
+                "are moved to B, as in a sphere.reg file",
+            )
             topics += (WarningTopic.FLIPPED_FACES,)
         numbers = {**facts.numbers, **known_numbers(of_map)}
         return replace(facts, numbers=numbers, warnings=warnings, topics=topics)

@@ -59,7 +59,7 @@ class Solution:
         that flow lines fold, as in `Match`. NaN if unknown.
     noise : float
         Largest residual that independent noise at vertices causes, the median over intervals. The
-        verdict of an interval depends on the value of this interval instead.
+        verdict of an interval depends on the value of that interval, not on the median.
     verdicts : tuple of Verdict
         The verdict of each interval.
     motion_share : float

@@ -146,7 +146,9 @@ def _skinned(
         )
     sums = weight.sum(axis=1)
     if not (sums > 0).all():
-        raise ValueError(f"vertex {np.argmin(sums > 0)} of a mesh with skin {skin} has no weights")
+        raise ValueError(
+            f"vertex {np.argmin(sums > 0)} of a mesh with skin {skin} has no weight above 0"
+        )
     weight = weight / sums[:, None]
     places = np.column_stack([points, np.ones(len(points))])
     moved = np.empty_like(points)

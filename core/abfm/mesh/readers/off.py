@@ -169,7 +169,7 @@ def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileCon
     """Return the contents with these polygons; 4D points are divided by their last coordinate."""
     if points.shape[1] == 4:
         if (points[:, 3] == 0).any():
-            raise ValueError("the file has points at infinity, with a fourth coordinate of 0")
+            raise ValueError("a point has the fourth coordinate 0; expected no points at infinity")
         points = points[:, :3] / points[:, 3:]
     return split_polygons(np.ascontiguousarray(points[:, :3]), sizes, corners)
 

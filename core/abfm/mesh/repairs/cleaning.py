@@ -71,7 +71,8 @@ def _merge_short_sides(draft: Draft) -> None:
 def _drop_repeated(draft: Draft) -> None:
     """Drop faces that have the vertices of an earlier face, in any order.
 
-    If repeated faces form a wall on a surface that continues below it, both copies are dropped.
+    If repeated faces stand like a wall on a surface that continues below it, both copies are
+    dropped.
     """
     first, group = equal_rows(np.sort(draft.faces, axis=1))
     is_repeat = first[group] != np.arange(len(draft.faces))

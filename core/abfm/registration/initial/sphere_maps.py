@@ -147,7 +147,7 @@ def _ambiguities(found: SphereRotation) -> list[str]:
     if found.correlation < _CORRELATION_MIN:
         warnings.append(
             f"the surfaces may not correspond: with the best rotation of the spheres the "
-            f"correlation of the functions is only {found.correlation:.2f}"
+            f"correlation of the functions is {found.correlation:.2f}, below {_CORRELATION_MIN:g}"
         )
     if found.runner_up > _RIVAL_RATIO:
         warnings.append(

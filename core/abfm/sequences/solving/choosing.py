@@ -70,7 +70,10 @@ def norms(given: SequenceParameters) -> list[Norm]:
 
 
 class _ChoiceInput(NamedTuple):
-    """The input of the choice; ``levels`` (C, V) are standard deviations of the noise."""
+    """Input for the choice of norm and sigma.
+
+    ``levels`` (C, V) are the standard deviations of the noise.
+    """
 
     frames: Frames
     parameters: SequenceParameters
