@@ -59,9 +59,9 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
 
 
 def _closed(mesh: TriangleMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Return arrays with the vertex, the twin and the edge of every slot, (3 F',) each.
+    """Return the vertex, the twin and the edge of every slot (corner of a face), (3 F',) each.
 
-    F' includes the faces between boundary edges and the vertex at infinity.
+    The F' faces include those between boundary edges and the vertex at infinity.
     """
     inner = mesh.edge_slots[~mesh.is_boundary_edge]
     outer = mesh.edge_slots[mesh.is_boundary_edge, 0]

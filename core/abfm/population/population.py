@@ -232,7 +232,7 @@ class Population(Display):
     def deviation(self, channel: str | int = 0) -> FloatArray:
         """Return the standard deviation of a channel over included subjects, (V,).
 
-        Its square is unbiased. It is NaN where fewer than two subjects are known.
+        It is the root of the unbiased variance; NaN where fewer than two subjects are known.
         """
         return statistics.deviation(*self._registered(channel))
 

@@ -153,7 +153,7 @@ def _with_gaps(
 ) -> Numbers:
     """Return the numbers in rows whose cells may also be blank, missing values, true or false.
 
-    A ValueError about other words has the cause ``error``, as the rows are not only numbers.
+    ValueError for other words; its cause is ``error``, why the rows are not only numbers.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
