@@ -44,7 +44,7 @@ class PointPath:
     points: abfm.maps.SurfacePoints
 
     def at(self, time: float, slack: float) -> FloatArray | None:
-        """Return the position (3,) at a time; None more than ``slack`` before or after all times."""
+        """Return the position (3,) at a time, up to ``slack`` before or after the path, or None."""
         if not self.times[0] - slack <= time <= self.times[-1] + slack:
             return None
         places = self.points.positions

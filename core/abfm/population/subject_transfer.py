@@ -39,7 +39,7 @@ _DRIFT_BYTES_MAX = 1 << 32
 
 
 class TransferredSubject(NamedTuple):
-    """Values of a subject at P points of the template: by the initial map, and registered."""
+    """Values of a subject at P points of the template, before and after registration."""
 
     before: TemplateValues
     after: TemplateValues | None = None  # None if the subject is not registered
