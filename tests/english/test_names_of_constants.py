@@ -3,7 +3,7 @@
 import ast
 import re
 
-from tests.processes import ROOT
+import pytest
 
 # words that are not nouns; superlatives are also rejected
 OTHER_WORDS = frozenset(
@@ -35,12 +35,11 @@ WHOLE WIDE WILD WITH WITHOUT WITNESSED WORSE WORTH WRITTEN WRONG
 """,
     )
 )
-MODULES = [path for top in ("core/abfm", "abfm_viewer") for path in (ROOT / top).rglob("*.py")]
 
 
 def constants(statement):
     """Return names in capitals that a statement binds, but not from their earlier values."""
-    if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
+    if statement.value is None:
         return []
     names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]
     used = {name.id for name in names if isinstance(name.ctx, ast.Load)}
@@ -48,10 +47,10 @@ def constants(statement):
     return [name for name in bound if name.strip("_").isupper() and name not in used]
 
 
-def faults(text):
+def faults(assignments):
     """Return the faults of constants of a module: adjectives, or two on one line."""
     found = []
-    for statement in ast.parse(text).body:
+    for statement in assignments:
         names = constants(statement)
         found += [f"{name} is not a noun" for name in names if is_not_noun(name)]
         if len(names) > 1 and not is_numbered(statement.value):
@@ -72,13 +71,20 @@ def is_numbered(value):
     return numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
-def test_constants_are_nouns():
-    found = {str(path): faults(path.read_text(encoding="utf-8")) for path in MODULES}
+def test_constants_are_nouns(modules):
+    product = {path: module for path, module in modules.items() if path.parts[0] != "benchmarks"}
+    found = {str(path): faults(module.assignments) for path, module in product.items()}
     assert {path: names for path, names in found.items() if names} == {}
 
 
-def test_faults_of_constants_are_found():
-    assert faults("_LONGEST = 1") == ["_LONGEST is not a noun"]
-    assert faults("_MOST_SHOWN = 1") == ["_MOST_SHOWN is not a noun"]
-    assert faults("WIDTH, HEIGHT = 3, 5") == ["WIDTH, HEIGHT are on one line"]
-    assert faults("NODE, EDGE, FACE = 0, 1, 2\nLENGTHS = {}\nLENGTHS = LENGTHS | {1: 2}") == []
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("_LONGEST = 1", ["_LONGEST is not a noun"]),
+        ("_MOST_SHOWN = 1", ["_MOST_SHOWN is not a noun"]),
+        ("WIDTH, HEIGHT = 3, 5", ["WIDTH, HEIGHT are on one line"]),
+        ("NODE, EDGE, FACE = 0, 1, 2\nLENGTHS = {}\nLENGTHS = LENGTHS | {1: 2}", []),
+    ],
+)
+def test_faults_of_constants_are_found(text, expected):
+    assert faults(ast.parse(text).body) == expected

@@ -1,58 +1,34 @@
 """Prose of the project: no private idioms, no sentence above 25 words, short test names."""
 
-import ast
-from itertools import chain
-from pathlib import Path
-
 import pytest
 
+from tests.english.conftest import FOLDERS
 from tests.english.patterns import HEADLESS_SUMMARY, violations
-from tests.english.texts import texts_of
+from tests.english.texts import read
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("core", "abfm_viewer", "benchmarks", "tests", "docs")
-SUFFIXES = {".py", ".pyi", ".md", ".html", ".js"}
-BUILT = {"_build", "gallery", "generated", "__pycache__", "english"}
 TEST_NAME_LENGTH_MAX = 60
 
 
-def files_in(folder):
-    """Files with prose in a folder, except built ones and these tests, which contain idioms."""
-    paths = (path for path in (ROOT / folder).rglob("*") if path.suffix in SUFFIXES)
-    return [path for path in paths if not BUILT & set(path.relative_to(ROOT).parts)]
-
-
-@pytest.mark.parametrize("folder", [*FOLDERS, "."])
-def test_prose_has_no_private_idioms(folder):
-    paths = ROOT.glob("*.md") if folder == "." else files_in(folder)
+def test_prose_has_no_private_idioms(sources):
     found = [
-        f"{path.relative_to(ROOT)}:{text.line}: {name}: {excerpt!r}; write: {remedy}"
-        for path in paths
-        for text in texts_of(path)
+        f"{path}:{text.line}: {name}: {excerpt!r}; write: {remedy}"
+        for path, source in sources.items()
+        for text in source.texts
         for name, excerpt, remedy in violations(text.words)
     ]
+    assert {path.parts[0] for path in sources} >= {*FOLDERS, "README.md"}
     assert found == []
 
 
-@pytest.fixture(scope="module")
-def definitions():
-    """Return the place, name and docstring of each module, class and function."""
-    found = []
-    for path in chain.from_iterable(map(files_in, FOLDERS)):
-        if path.suffix == ".py":
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                    found.append((path, getattr(node, "name", ""), ast.get_docstring(node) or ""))
-    return found
+def test_docstrings_begin_with_an_action_or_a_name(sources):
+    found = [each for source in sources.values() for each in source.definitions]
+    assert sum(bool(docstring) for _, docstring in found) > 1000
+    assert [each for each in found if HEADLESS_SUMMARY.match(each[1])] == []
 
 
-def test_docstrings_begin_with_an_action_or_a_name(definitions):
-    assert sum(bool(docstring) for _, _, docstring in definitions) > 1000
-    assert [found for found in definitions if HEADLESS_SUMMARY.match(found[2])] == []
-
-
-def test_names_of_tests_are_short(definitions):
-    names = [name for _, name, _ in definitions if name.startswith("test_")]
+def test_names_of_tests_are_short(sources):
+    found = [name for source in sources.values() for name, _ in source.definitions]
+    names = [name for name in found if name.startswith("test_")]
     assert len(names) > 1000
     assert [name for name in names if len(name) > TEST_NAME_LENGTH_MAX] == []
 
@@ -83,7 +59,7 @@ def test_texts_of_a_module_are_read(tmp_path):
         '"""Module of x."""\n\n# A comment\n# on two lines.\n\n\n'
         'def f(n):\n    """Return n."""\n    raise ValueError(f"the value {n} is bad")\n'
     )
-    found = {(text.line, text.kind, text.words) for text in texts_of(path)}
+    found = {(text.line, text.kind, text.words) for text in read(path).texts}
     assert found == {
         (1, "docstring", "Module of x."),
         (3, "comment", "A comment on two lines."),
@@ -97,4 +73,4 @@ def test_code_and_tables_are_not_prose(tmp_path):
     path.write_text(
         "# Title\n\nA [link](x.md) and `tells`.\n\n    told\n\n| told |\n\n```\ntold\n```\n"
     )
-    assert [text.words for text in texts_of(path)] == ["A link and X."]
+    assert [text.words for text in read(path).texts] == ["A link and X."]

@@ -1,9 +1,7 @@
 """Prose of a file: docstrings, comments, messages, and paragraphs of Markdown."""
 
 import ast
-import io
 import re
-import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,11 +28,31 @@ class Text:
     words: str
 
 
-def texts_of(path: Path) -> list[Text]:
-    """Return the prose of a file; code, tables and spans of code are left out."""
-    content = path.read_text(encoding="utf-8")
+@dataclass(frozen=True)
+class Source:
+    """Prose of a file; of Python code also some statements, and names with their docstrings."""
+
+    texts: list[Text]
+    definitions: list[tuple[str, str]]
+    assignments: list[ast.stmt]  # of the module
+    raised: list[ast.Raise]
+
+
+def read(path: Path) -> Source:
+    """Read the prose of a file; code, tables and spans of code are left out."""
+    content, definitions, assignments, raised = path.read_text(encoding="utf-8"), [], [], []
     if path.suffix in {".py", ".pyi"}:
-        found = [*_docstrings(content), *_comments(content), *_messages(content, path)]
+        tree = ast.parse(content)
+        nodes = list(ast.walk(tree))
+        documented = [
+            (node, ast.get_docstring(node) or "")
+            for node in nodes
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+        ]
+        assignments = [each for each in tree.body if isinstance(each, ast.Assign | ast.AnnAssign)]
+        raised = [node for node in nodes if isinstance(node, ast.Raise)]
+        definitions = [(getattr(node, "name", ""), doc) for node, doc in documented]
+        found = [*_docstrings(documented), *_comments(content, nodes), *_messages(nodes, path)]
     elif path.suffix == ".md":
         found = [(line, "paragraph", words) for line, words in _markdown(content)]
     elif path.suffix == ".html":
@@ -42,49 +60,61 @@ def texts_of(path: Path) -> list[Text]:
             "\n", _TEMPLATE_CODE.sub(lambda code: re.sub(r"[^\n]", "", code[0]) or " x ", content)
         )
         found = [(line, "paragraph", words) for line, words in _paragraphs(plain)]
-    elif path.suffix == ".js":
-        found = [(line, "comment", words) for line, words in _script_comments(content)]
     else:
-        found = [(line, "comment", words) for line, words in _hash_comments(content)]
-    return [Text(path, line, kind, words) for line, kind, words in found]
+        found = [(line, "comment", words) for line, words in _script_comments(content)]
+    return Source([Text(path, *text) for text in found], definitions, assignments, raised)
 
 
-def _docstrings(content: str) -> Iterator[tuple[int, str, str]]:
-    for node in ast.walk(ast.parse(content)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            doc = ast.get_docstring(node)
-            if doc:
-                begin = node.body[0].lineno
-                yield from (
-                    (begin + line - 1, "docstring", words) for line, words in _paragraphs(doc)
-                )
+def _docstrings(documented: list[tuple[ast.AST, str]]) -> Iterator[tuple[int, str, str]]:
+    for node, doc in documented:
+        for line, words in _paragraphs(doc) if doc else ():
+            yield node.body[0].lineno + line - 1, "docstring", words
 
 
-def _comments(content: str) -> Iterator[tuple[int, str, str]]:
+def _comments(content: str, nodes: list[ast.AST]) -> Iterator[tuple[int, str, str]]:
     """Yield comments; consecutive lines that hold only a comment are one text."""
     block: list[str] = []
     begin = last = 0
-    for token in tokenize.generate_tokens(io.StringIO(content).readline):
-        if token.type != tokenize.COMMENT or token.string.startswith(("#!", "# type:", "# noqa")):
+    for number, comment, alone in _comment_lines(content, nodes):
+        if comment.startswith(("#!", "# type:", "# noqa")):
             continue
-        alone = token.line.strip().startswith("#")
-        if not (block and alone and token.start[0] == last + 1):
+        if not (block and alone and number == last + 1):
             if block:
                 yield begin, "comment", " ".join(block)
-            block, begin = [], token.start[0]
-        block.append(_without_code(token.string.lstrip("# ")))
-        last = token.start[0] if alone else -1
+            block, begin = [], number
+        block.append(_without_code(comment.lstrip("# ")))
+        last = number if alone else -1
     if block:
         yield begin, "comment", " ".join(block)
 
 
-def _messages(content: str, path: Path) -> Iterator[tuple[int, str, str]]:
+def _comment_lines(content: str, nodes: list[ast.AST]) -> Iterator[tuple[int, str, bool]]:
+    """Yield the line of each comment, its text, and whether the line holds nothing else.
+
+    A comment begins with the first # outside of strings. This is faster than `tokenize`.
+    """
+    lines = {k: line.encode() for k, line in enumerate(content.split("\n"), 1) if "#" in line}
+    strings: dict[int, list[tuple[int, int]]] = {}
+    for node in nodes:
+        is_string = isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)
+        if is_string or isinstance(node, ast.JoinedStr):
+            for k in lines.keys() & range(node.lineno, node.end_lineno + 1):
+                start = node.col_offset if k == node.lineno else 0
+                end = node.end_col_offset if k == node.end_lineno else len(lines[k])
+                strings.setdefault(k, []).append((start, end))
+    for k, line in lines.items():
+        for mark in re.finditer(b"#", line):
+            if not any(start <= mark.start() < end for start, end in strings.get(k, ())):
+                yield k, line[mark.start() :].decode(), not line[: mark.start()].strip()
+                break
+
+
+def _messages(nodes: list[ast.AST], path: Path) -> Iterator[tuple[int, str, str]]:
     """Yield strings that hold a sentence; of tests only docstrings and comments are read."""
     if "tests" in path.parts:
         return
-    tree = ast.parse(content)
     skipped = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             skipped.add(id(node.value))
         if isinstance(node, ast.JoinedStr):
@@ -93,7 +123,7 @@ def _messages(content: str, path: Path) -> Iterator[tuple[int, str, str]]:
                 str(part.value) if isinstance(part, ast.Constant) else "X" for part in node.values
             )
             yield from _strings(node.lineno, words)
-    for node in ast.walk(tree):
+    for node in nodes:
         if (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
@@ -111,13 +141,6 @@ def _strings(line: int, words: str) -> Iterator[tuple[int, str, str]]:
 def _script_comments(content: str) -> Iterator[tuple[int, str]]:
     for number, line in enumerate(content.splitlines(), 1):
         comment = re.search(r"(?:^|\s)(?://|/?\*+)\s(.+)", line)
-        if comment:
-            yield number, _without_code(comment[1])
-
-
-def _hash_comments(content: str) -> Iterator[tuple[int, str]]:
-    for number, line in enumerate(content.splitlines(), 1):
-        comment = re.search(r"(?:^|\s)#\s(.+)", line)
         if comment:
             yield number, _without_code(comment[1])
 
