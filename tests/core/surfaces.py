@@ -12,6 +12,7 @@ from abfm.calculus.operators import (
     field_mass,
     vertex_areas,
 )
+from abfm.maps import SurfacePoints
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.shapes import ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
@@ -33,6 +34,13 @@ LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
 def random_function(mesh, seed=0):
     """Return normally distributed values on the vertices, (V,)."""
     return np.random.default_rng(seed).normal(size=len(mesh.vertices))
+
+
+def random_points(mesh, count=500, seed=0):
+    """Return points that are evenly distributed in random faces."""
+    rng = np.random.default_rng(seed)
+    faces = rng.integers(len(mesh.faces), size=count)
+    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
 
 
 def edge_divergence(mesh):

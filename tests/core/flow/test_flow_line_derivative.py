@@ -10,20 +10,14 @@ from abfm.errors import AdvectionError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.corner_fit import as_complex, corner_vectors, fitted, fitted_adjoint
 from abfm.flow.flow_line_derivative import FlowLineDerivative
-from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.maps.surface_points import vertex_points
 from tests.core.fields import rotation_field, wavy_field
-from tests.core.surfaces import SURFACES
+from tests.core.surfaces import SURFACES, random_points
 from tests.core.verification import near, observed_orders, taylor_order
 from tests.messages import raises
 from tests.shapes import ellipsoid, hemisphere, icosphere
 
 SLIVERS = ellipsoid(3, 1.0, 1.0, 0.01)
-
-
-def some_points(mesh, count, seed):
-    rng = np.random.default_rng(seed)
-    faces = rng.integers(len(mesh.faces), size=count)
-    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
 
 
 def fields(mesh, count, seed, speed=0.3):
@@ -54,7 +48,7 @@ def test_fit_equals_the_continuous_field_and_has_an_adjoint(name):
 def test_end_points_agree_with_continuous_flow(name, count):
     mesh = SURFACES[name].normalized()
     x = fields(mesh, count, 1)
-    for points in (some_points(mesh, 9, 0), vertex_points(mesh, np.arange(9))):
+    for points in (random_points(mesh, 9, 0), vertex_points(mesh, np.arange(9))):
         expected = ContinuousFlow(mesh, to_ambient(mesh, x), 1.3).destinations(points)
         found = FlowLineDerivative(points, 1.3).walk(x).points
         near(found.positions, expected.positions, 0.1 / np.sqrt(len(mesh.faces)))
@@ -64,7 +58,7 @@ def test_rotation_of_a_sphere_has_order_two():
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions).normalized()
-        start = some_points(mesh, 30, 1)
+        start = random_points(mesh, 30, 1)
         x = to_frame(mesh, rotation_field(mesh, [0, 0, 1.0]))[None]
         ends = FlowLineDerivative(start, 1.0).walk(x).points.positions
         turned = start.positions @ np.array(
@@ -93,7 +87,7 @@ def product_of_ends(points, aims):
 @pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "slivers"])
 def test_derivative_is_exact(name, at_vertices, count):
     mesh = (SURFACES | {"slivers": SLIVERS})[name].normalized()
-    points = vertex_points(mesh, np.arange(20, 24)) if at_vertices else some_points(mesh, 4, 2)
+    points = vertex_points(mesh, np.arange(20, 24)) if at_vertices else random_points(mesh, 4, 2)
     aims = np.random.default_rng(4).normal(size=(4, 3))
     step = 1e-5 * fields(mesh, count, 20)
     assert taylor_order(product_of_ends(points, aims), fields(mesh, count, 5), step) > 1.9
@@ -103,7 +97,7 @@ def test_derivative_is_exact(name, at_vertices, count):
 def test_derivative_is_exact_along_a_boundary(count):
     mesh = hemisphere(8).normalized()
     at_the_boundary = mesh.vertices[:, 2].min() + 1e-9
-    points, x = some_points(mesh, 8, 3), outwards(mesh, count)
+    points, x = random_points(mesh, 8, 3), outwards(mesh, count)
     ends = FlowLineDerivative(points, 1.0).walk(x).points.positions
     assert np.count_nonzero(ends[:, 2] < at_the_boundary) >= 3
     aims = np.random.default_rng(5).normal(size=(8, 3))
@@ -113,7 +107,7 @@ def test_derivative_is_exact_along_a_boundary(count):
 
 def test_derivative_at_the_zero_field_is_the_field():
     mesh = SURFACES["ellipsoid"].normalized()
-    points = some_points(mesh, 5, 6)
+    points = random_points(mesh, 5, 6)
     lines, rest, field = FlowLineDerivative(points, 2.0), np.zeros((1, 80, 2)), fields(mesh, 1, 7)
     walk = lines.walk(rest)
     near(walk.points.positions, points.positions, 1e-9)
@@ -125,7 +119,7 @@ def test_derivative_at_the_zero_field_is_the_field():
 
 def test_jacobian_and_gradient_are_adjoint():
     mesh = SURFACES["torus"].normalized()
-    lines, x = FlowLineDerivative(some_points(mesh, 5, 8), 1.0), fields(mesh, 2, 8)
+    lines, x = FlowLineDerivative(random_points(mesh, 5, 8), 1.0), fields(mesh, 2, 8)
     walk, rng = lines.walk(x), np.random.default_rng(9)
     slopes, step = rng.normal(size=(5, 2)), rng.normal(size=x.shape)
     one = float((lines.gradient(walk, slopes) * step).sum())
@@ -136,7 +130,7 @@ def test_jacobian_and_gradient_are_adjoint():
 
 def test_steps_grow_with_speed_up_to_a_limit():
     mesh = SURFACES["ellipsoid"].normalized()
-    lines, field = FlowLineDerivative(some_points(mesh, 2, 0), 1.0), fields(mesh, 1, 0)[0]
+    lines, field = FlowLineDerivative(random_points(mesh, 2, 0), 1.0), fields(mesh, 1, 0)[0]
     assert lines.steps(0 * field, 1) == 8
     assert lines.steps(16 * field, 1) == 2 * lines.steps(8 * field, 1)
     assert lines.steps(16 * field, 4) == lines.steps(4 * field, 1)

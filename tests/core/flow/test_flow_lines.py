@@ -16,18 +16,13 @@ from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from tests.core.fields import rotation_field, tangent, wavy_field
+from tests.core.surfaces import random_points
 from tests.core.verification import near
 from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 MODULE = import_module("abfm.flow.flow_lines")  # the package exports a function of this name
-
-
-def random_start(mesh, count):
-    rng = np.random.default_rng(0)
-    faces = rng.integers(0, len(mesh.faces), count)
-    return SurfacePoints(mesh, faces, rng.dirichlet([1, 1, 1], count))
 
 
 def centre(mesh, face):
@@ -58,7 +53,7 @@ def strip(left, right):
 
 def test_constant_field_moves_points_along_straight_lines():
     mesh, velocity = square(8), np.array([0.7, -0.4, 0])
-    lines = flow_lines(mesh, constant(mesh, velocity), random_start(mesh, 50), 0.3)
+    lines = flow_lines(mesh, constant(mesh, velocity), random_points(mesh, 50), 0.3)
     for line in lines:
         near(line.positions, line.positions[0] + line.times[:, None] * velocity, 1e-14)
         for t in (0, 0.1 * line.times[-1], line.times[-1]):
@@ -71,7 +66,7 @@ def test_constant_field_moves_points_along_straight_lines():
 
 def test_places_lie_in_their_faces():
     mesh = torus(12, 9)
-    for line in flow_lines(mesh, wavy_field(mesh, 1), random_start(mesh, 20), 1.5):
+    for line in flow_lines(mesh, wavy_field(mesh, 1), random_points(mesh, 20), 1.5):
         corners = mesh.vertices[mesh.faces[line.faces]]
         near(np.einsum("kc,kcx->kx", line.barycentric, corners), line.positions, 1e-15)
         assert line.barycentric.min() >= 0
@@ -83,7 +78,7 @@ def test_rotation_of_a_sphere_converges():
     errors = []
     for level in (3, 4, 5, 6):
         mesh = icosphere(level)
-        lines = flow_lines(mesh, rotation_field(mesh, AXIS), random_start(mesh, 200), 2.0)
+        lines = flow_lines(mesh, rotation_field(mesh, AXIS), random_points(mesh, 200), 2.0)
         before = starts(lines)
         along = np.outer(before @ AXIS, AXIS)
         expected = along + np.cos(2) * (before - along) + np.sin(2) * np.cross(AXIS, before)
@@ -109,7 +104,7 @@ def test_backward_lines_agree_with_advection():
 def test_reversed_field_leads_back():
     mesh = icosphere(4)
     velocity = rotation_field(mesh, AXIS)
-    there = flow_lines(mesh, velocity, random_start(mesh, 50), 1.0)
+    there = flow_lines(mesh, velocity, random_points(mesh, 50), 1.0)
     faces, weights = zip(*((line.faces[-1], line.barycentric[-1]) for line in there), strict=True)
     turned = SurfacePoints(mesh, np.array(faces), np.array(weights))
     for sign in (1, -1):
@@ -147,7 +142,7 @@ def test_fields_share_the_time_and_the_last_continues():
     [back] = flow_lines(mesh, fields, centre(mesh, 30), -0.5, tau=3.0)
     near(back.positions[-1] - back.positions[0], [-0.05, 0, 0], 1e-15)
     mesh = torus(12, 9)
-    velocity, start = wavy_field(mesh, 4), random_start(mesh, 10)
+    velocity, start = wavy_field(mesh, 4), random_points(mesh, 10)
     one = flow_lines(mesh, velocity, start, 1.2)
     near(ends(flow_lines(mesh, np.stack([velocity] * 4), start, 1.2, tau=1.0)), ends(one), 1e-10)
 
@@ -184,7 +179,7 @@ def test_lines_rest_in_sinks_and_leave_sources():
     mesh = square(10)
     inner = int(np.argmin(np.linalg.norm(mesh.vertices - [0.5, 0.5, 0], axis=1)))
     outward = mesh.vertices[mesh.faces].mean(axis=1) - mesh.vertices[inner]
-    lines = flow_lines(mesh, -outward, random_start(mesh, 40), 100.0)
+    lines = flow_lines(mesh, -outward, random_points(mesh, 40), 100.0)
     assert endings(lines) == {"stagnation"}
     near(ends(lines), np.tile(mesh.vertices[inner], (40, 1)), 1e-9)
     source = project_onto_surface(mesh, mesh.vertices[[inner]])
@@ -197,21 +192,21 @@ def test_lines_spiralling_into_a_vertex_end():
     centres = mesh.vertices[mesh.faces].mean(axis=1)
     towards = mesh.vertices[0] - centres
     velocity = tangent(mesh, np.cross(mesh.vertices[0], centres) + 0.3 * towards)
-    lines = flow_lines(mesh, velocity, random_start(mesh, 30), 1e6)
+    lines = flow_lines(mesh, velocity, random_points(mesh, 30), 1e6)
     assert endings(lines) <= {"stagnation", "step limit"}
 
 
 def test_lines_end_at_the_boundary():
     mesh = hemisphere(6)
     field = tangent(mesh, constant(mesh, [0, 0, -1])[0])
-    lines = flow_lines(mesh, field, random_start(mesh, 30), 100.0)
+    lines = flow_lines(mesh, field, random_points(mesh, 30), 100.0)
     assert endings(lines) == {"boundary"}
     near(ends(lines)[:, 2], 0, 1e-13)
 
 
 def test_zero_fields_and_very_long_lines_end(monkeypatch):
     mesh = icosphere(1)
-    for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
+    for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_points(mesh, 5), 1.0):
         assert line.ending == "stagnation"
         assert_array_equal(line.times, [0])
         near(line.at(0.5), line.positions[0], 0)
@@ -230,7 +225,7 @@ NUMBERS = st.floats(-1, 1) | st.sampled_from([0.0, 1.0, -1.0, 1e-300, 1e-12])
 def test_random_fields_never_hang(velocity, duration):
     for mesh in (icosphere(1), open_cylinder(8, 5)):
         corners = SurfacePoints(mesh, np.arange(3), np.eye(3))
-        for start in (random_start(mesh, 4), corners):
+        for start in (random_points(mesh, 4), corners):
             with pytest.MonkeyPatch.context() as monkeypatch:
                 monkeypatch.setattr(MODULE, "STEP_LIMIT", 2000)
                 lines = flow_lines(mesh, velocity, start, duration)
@@ -243,7 +238,7 @@ def test_random_fields_never_hang(velocity, duration):
 @pytest.mark.parametrize("scale", [1e-300, 1e-30, 1.0, 1e30, 1e140])
 def test_time_scales_with_speed(scale):
     mesh = icosphere(2)
-    velocity, start = wavy_field(mesh, 3), random_start(mesh, 5)
+    velocity, start = wavy_field(mesh, 3), random_points(mesh, 5)
     scaled = flow_lines(mesh, scale * velocity, start, 0.5 / scale)
     near(ends(scaled), ends(flow_lines(mesh, velocity, start, 0.5)), 1e-9)
 

@@ -7,18 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from abfm.errors import AbfmError
 from abfm.maps.spherical import SphereLayout, is_sphere, map_through_sphere, sphere_directions
-from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere
+from tests.core.surfaces import random_points
 from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, square, torus
 
 BALL, EVEN_BALL = icosphere(3), even_sphere(700)
-
-
-def somewhere(mesh, count=500, seed=0):
-    rng = np.random.default_rng(seed)
-    faces = rng.integers(len(mesh.faces), size=count)
-    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
 
 
 @pytest.mark.parametrize("mirror", [1, -1])
@@ -26,7 +20,7 @@ def test_directions_and_points_are_inverse(mirror):
     turned = Rotation.random(rng=3).apply(EVEN_BALL.vertices.copy()) * [mirror, 1, 1]
     layout = SphereLayout(EVEN_BALL, turned)
     assert layout.sign == mirror
-    points = somewhere(EVEN_BALL)
+    points = random_points(EVEN_BALL)
     found = layout.locate(layout.directions_of(points))
     assert_allclose(found.positions, points.positions, atol=1e-13)
     directions = np.random.default_rng(1).normal(size=(500, 3))
@@ -37,7 +31,7 @@ def test_directions_and_points_are_inverse(mirror):
 def test_map_of_two_layouts_has_an_exact_inverse():
     one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(EVEN_BALL, EVEN_BALL.vertices)
     to_other, to_ball = map_through_sphere(one, other), map_through_sphere(other, one)
-    points = somewhere(BALL)
+    points = random_points(BALL)
     assert_allclose(to_ball.at(to_other.at(points)).positions, points.positions, atol=1e-12)
     assert to_other.distortion().folded == 0
     h = BALL.vertices @ [1.0, 2, 3]
@@ -64,7 +58,7 @@ def test_sphere_with_a_hole_is_a_layout_only():
     open_ball = type(BALL)(BALL.vertices, BALL.faces[cap])
     assert not is_sphere(open_ball)
     layout = SphereLayout(open_ball, open_ball.vertices)
-    points = somewhere(open_ball)
+    points = random_points(open_ball)
     found = layout.locate(layout.directions_of(points))
     assert_allclose(found.positions, points.positions, atol=1e-12)
     edge = layout.locate([[0, 0, 1.0], [0.1, 0, 1]])

@@ -8,15 +8,9 @@ from abfm.flow.continuous_flow import Walker, smooth_flow, walk_straight
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.terms.squared_distances import SquaredDistances
 from abfm.mesh import TriangleMesh
-from tests.core.surfaces import SURFACES
+from tests.core.surfaces import SURFACES, random_points
 from tests.core.verification import near, observed_orders
 from tests.shapes import ellipsoid, icosphere, square
-
-
-def some_points(mesh, count, seed):
-    rng = np.random.default_rng(seed)
-    faces = rng.integers(len(mesh.faces), size=count)
-    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
 
 
 def repeated(points, number, count):
@@ -25,7 +19,7 @@ def repeated(points, number, count):
 
 def test_distances_on_a_plane_are_exact():
     mesh = square(7)
-    to, points = some_points(mesh, 40, 0), some_points(mesh, 40, 1)
+    to, points = random_points(mesh, 40, 0), random_points(mesh, 40, 1)
     distances, offsets = SquaredDistances(to), points.positions - to.positions
     near(distances.at(points), (offsets**2).sum(axis=1), 1e-13)
     frames = face_frames(mesh)[points.faces]
@@ -35,7 +29,7 @@ def test_distances_on_a_plane_are_exact():
 def test_distances_are_exact_near_the_point():
     for name in ("ellipsoid", "torus", "genus two", "hemisphere"):
         mesh = SURFACES[name]
-        to = some_points(mesh, 10, 2)
+        to = random_points(mesh, 10, 2)
         middles = SurfacePoints(mesh, to.faces, np.full((10, 3), 1 / 3))
         exact = np.linalg.norm(middles.positions - to.positions, axis=1)
         assert_allclose(SquaredDistances(to).at(middles), exact**2, rtol=1e-9)
@@ -59,7 +53,7 @@ def test_distances_on_a_sphere_converge_to_arcs():
     errors = []
     for subdivisions in (2, 3, 4):
         mesh = icosphere(subdivisions)
-        to, points = some_points(mesh, 60, 3), some_points(mesh, 60, 4)
+        to, points = random_points(mesh, 60, 3), random_points(mesh, 60, 4)
         units = (p.positions / np.linalg.norm(p.positions, axis=1)[:, None] for p in (to, points))
         arcs = np.arccos(np.clip(np.einsum("px,px->p", *units), -1, 1))
         errors.append(np.abs(np.sqrt(SquaredDistances(to).at(points)) - arcs).mean())
@@ -77,11 +71,11 @@ def test_distances_are_continuous_with_exact_slopes():
         rows = np.arange(len(slots))
         weights[side, rows, (corners + 1) % 3] = np.where(first, 0.3, 0.7)
         weights[side, rows, (corners + 2) % 3] = np.where(first, 0.7, 0.3)
-    distances = SquaredDistances(some_points(mesh, len(slots), 5))
+    distances = SquaredDistances(random_points(mesh, len(slots), 5))
     sides = [SurfacePoints(mesh, slots[:, side] // 3, weights[side]) for side in range(2)]
     here, there = map(distances.at, sides)
     near(here, there, 1e-13)
-    points, step = some_points(mesh, 40, 6), 1e-4 * np.array([1.0, -2.0, 1.0])
+    points, step = random_points(mesh, 40, 6), 1e-4 * np.array([1.0, -2.0, 1.0])
     after = SurfacePoints(mesh, points.faces, points.barycentric + step)
     before = SurfacePoints(mesh, points.faces, points.barycentric - step)
     motion = after.positions - before.positions
@@ -95,8 +89,8 @@ def test_descent_leads_to_the_point(name):
     mesh = (SURFACES | {"sphere": icosphere(3), "flat ellipsoid": ellipsoid(2, 1.0, 1.0, 0.1)})[
         name
     ].normalized()
-    starts, size = some_points(mesh, 60, 7), 0.5 / np.sqrt(len(mesh.faces))
-    to = repeated(some_points(mesh, 1, 8), 0, 60)
+    starts, size = random_points(mesh, 60, 7), 0.5 / np.sqrt(len(mesh.faces))
+    to = repeated(random_points(mesh, 1, 8), 0, 60)
     distances, flow = SquaredDistances(to), smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
     points = starts
     for _ in range(int(2.5 / size)):
@@ -122,7 +116,7 @@ def test_distances_scale_with_the_unit():
     mesh = SURFACES["torus"]
     large = TriangleMesh(1e6 * mesh.vertices, mesh.faces)
     one, other = (
-        SquaredDistances(some_points(each, 9, 1)).at(some_points(each, 9, 2))
+        SquaredDistances(random_points(each, 9, 1)).at(random_points(each, 9, 2))
         for each in (mesh, large)
     )
     assert_allclose(other, 1e12 * one, rtol=1e-9)
