@@ -71,8 +71,8 @@ def draw(sequence: abfm.Sequence, path: Path) -> None:
     figure.legend(handles=handles, loc="lower center", ncols=len(handles), frameon=False)
     longest, last_wide, last = (len(tracks[i]) for i in (0, _WIDE_COUNT - 1, -1))
     about = (
-        f"wide lines: tracks that last {last_wide} to {longest} of the {len(sequence)} intervals; "
-        f"thin lines: tracks that last {last} to {last_wide} intervals"
+        f"wide lines: tracks of {last_wide} to {longest} of {len(sequence)} intervals; "
+        f"thin lines: tracks of {last} to {last_wide} intervals"
     )
     figure.text(0.5, 0.105, about, ha="center", fontsize=9.5, color="#5a6270")
     figure.savefig(path, dpi=100)

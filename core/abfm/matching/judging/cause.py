@@ -133,6 +133,7 @@ ADVICE: dict[Cause, str] = {
     Cause.NO_HELD_OUT_IMPROVEMENT: "smooth the functions, or use a larger sigma",
     Cause.INITIAL_MAP: "inspect the initial map, and give landmarks or another map",
     Cause.COMPLETE_MAP: "smooth the functions of A, or refine its mesh",
+    Cause.SOURCE_UNMOVED: "check that the functions correspond",
     Cause.SOURCE_SQUEEZED: (
         "use wider functions that overlap, or match intermediate targets, each from the last field"
     ),

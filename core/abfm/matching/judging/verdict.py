@@ -300,12 +300,13 @@ class _Case:
             return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
         if self._is_cut_short():
             return self._of_interruption(Outcome.NEARLY)
-        verified, less_smooth = self.evidence.verified, self.remedies.smaller_alpha()
+        verified = self.evidence.verified
         if self.is_verified and verified > max(self.parameters.goal, self.evidence.residual):
+            less_smooth = self.remedies.smaller_alpha()
             suggestions = self._more_consistent() or ([less_smooth] if less_smooth else [])
             return self._verdict(Outcome.NEARLY, Cause.PARTLY_CONFIRMED, *suggestions)
-        closer = less_smooth or self.remedies.smaller_sigma()
-        return self._verdict(Outcome.NEARLY, Cause.NONE, closer)
+        closer = self._closer(self.remedies.smaller_sigma())
+        return self._verdict(Outcome.NEARLY, Cause.NONE, *closer)
 
     def not_reached(self) -> Verdict:
         evidence, remedies = self.evidence, self.remedies
@@ -313,14 +314,13 @@ class _Case:
             evidence.stop_reason is StopReason.ITERATION_LIMIT
             and self.parameters.solver.iterations < _FALL_ITERATIONS
         )
-        less_smooth = remedies.smaller_alpha()
         if self.squeezed:
             return self._of_squeezed_source()
         if evidence.stop_reason.is_interrupted:
             return self._of_interruption(Outcome.NOT_REACHED)
         if solvability.hardly_moved(self.functions, evidence.advected) and not hardly_began:
             larger_reach = (remedies.larger_reach(),) if remedies.is_beyond_reach else ()
-            suggestions = (*larger_reach, less_smooth or remedies.much_smaller_sigma())
+            suggestions = (*larger_reach, *self._closer(remedies.much_smaller_sigma()))
             return self._verdict(Outcome.NOT_REACHED, Cause.SOURCE_UNMOVED, *suggestions)
         if self.is_measured and not self.has_improved:
             return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_IMPROVEMENT)
@@ -334,7 +334,7 @@ class _Case:
             larger_alpha = remedies.larger_alpha()
             return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, larger_alpha)
         finer = remedies.finer_mesh() if self.is_narrow else None
-        suggestions = (less_smooth or finer or remedies.smaller_sigma(),)
+        suggestions = (remedies.smaller_alpha() or finer or remedies.smaller_sigma(),)
         return self._verdict(Outcome.NOT_REACHED, Cause.NEEDS_ROUGHER_FIELD, *suggestions)
 
     def _verdict(
@@ -430,6 +430,15 @@ class _Case:
             to_nothing="to nothing " * vanished,
             why=why,
         )
+
+    def _closer(self, smaller_sigma: Remedy) -> list[Remedy]:
+        """Return the remedy of a smaller alpha or, if alpha is not large, that of a smaller sigma.
+
+        Empty if held-out patches have chosen sigma, because a smaller one would fit noise.
+        """
+        if less_smooth := self.remedies.smaller_alpha():
+            return [less_smooth]
+        return [] if self.is_measured and self.parameters.sigma is None else [smaller_sigma]
 
     def _is_cut_short(self) -> bool:
         """Return whether the run was interrupted, or reached its limit while its energy still fell.
