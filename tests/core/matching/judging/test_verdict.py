@@ -429,13 +429,14 @@ def test_remedies_of_extreme_parameters_are_valid(extreme, size):
         (0.9, 0.79, 0.9, "registered", Cause.LIMIT_OF_DATA),
         (0.9, 0.81, 0.9, "not reached", Cause.LITTLE_IMPROVEMENT),
         (0.9, 0.5, 1.01, "not reached", Cause.NO_HELD_OUT_IMPROVEMENT),
+        (0.99, 0.9, 0.9, "nearly", Cause.NONE),
     ],
 )
 def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, kind, cause):
     """Noise is registered only if its residual is clearly below that of the zero field.
 
     ``residual_ratio`` is absolute for unrelated functions, and otherwise relative to the
-    residual of the zero field.
+    residual of the zero field. No smaller sigma is advised, because held-out patches chose it.
     """
     f, other = np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices)))
     g = correlation * f + math.sqrt(1 - correlation**2) * other
@@ -445,4 +446,4 @@ def test_registered_needs_a_clear_gain(correlation, residual_ratio, held_out, ki
     stop = StopReason.NO_PROGRESS
     evidence = Evidence(advected, residual, stop, residual, 0.0, held_out=held_out)
     found = judge(functions, evidence, Parameters())
-    assert (found.kind, found.cause) == (kind, cause)
+    assert (found.kind, found.cause, found.remedies) == (kind, cause, ())
