@@ -22,7 +22,7 @@ from abfm.matching import Iteration
 from abfm.workers.progress import Step, reporting_steps
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
-from abfm_viewer.document.verdict_words import stage_text
+from abfm_viewer.document.verdict_words import residual_text, stage_text
 
 _WARNING_ITERATIONS = 10  # shorter warnings mostly resolve by themselves
 _LONG_STEP_SECONDS = 2.0
@@ -57,8 +57,8 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
         nonlocal warned
         if not isinstance(partial, Iteration):
             return
-        numbers = f"energy {partial.energy:.4g}  residual {partial.residual:.4f}"
-        text = f"iteration {partial.iteration}  {stage_text(partial)}  {numbers}"
+        stage, residual = stage_text(partial), residual_text(partial)
+        text = f"iteration {partial.iteration}: {stage}, {residual}"
         line = "" if partial.iteration % _LINES_EVERY else text
         update(completed=0.0, text=text, line=line)
         warned = warned + 1 if partial.warning or warned >= _WARNING_ITERATIONS else 0

@@ -5,30 +5,17 @@ from __future__ import annotations
 import math
 
 import abfm
-from abfm.outcome import Facts
 from abfm.wording import sentence, share
 
-_ABBREVIATIONS = {
-    "less than ": "<",
-    "areas change by a factor of ": "areas ×",
-    "distortion within ": "distortion ≤",
-}
+LONG_RANGE = "long-range search"  # the stages with a positive reach
 
 
-def short_headline(facts: Facts) -> str:
-    """Return the headline of facts, abbreviated: ``matched (residual 4.3%), areas ×1.4``."""
-    headline = facts.headline
-    for phrase, shorter in _ABBREVIATIONS.items():
-        headline = headline.replace(phrase, shorter)
-    return headline
-
-
-def residual_text(now: abfm.matching.Iteration, is_of_landmarks: bool) -> str:
+def residual_text(now: abfm.matching.Iteration) -> str:
     """Return the residual of an iterate: ``residual 0.31``.
 
     If only landmarks are matched, return their largest error: ``farthest landmark 3.1% away``.
     """
-    if not is_of_landmarks:
+    if not now.is_of_landmarks:
         return f"residual {now.residual:.3g}"
     from abfm.matching.terms.landmarks import error_of
 
@@ -66,6 +53,6 @@ def refinement_text(match: abfm.Match) -> str:
 
 
 def stage_text(now: abfm.matching.Iteration) -> str:
-    """Return an iterate's mesh, stage, and reach (distance over which functions are compared)."""
-    mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""
-    return f"{mesh}stage {now.stage + 1}{f', reach {now.reach:g}' if now.reach else ''}"
+    """Return the stage of an iterate: ``mesh of 638 vertices, sigma 18, long-range search``."""
+    search = f", {LONG_RANGE}" if now.reach else ""
+    return f"mesh of {now.vertices:,} vertices, sigma {now.sigma:.3g}{search}"

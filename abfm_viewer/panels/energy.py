@@ -12,6 +12,7 @@ import polyscope.implot as implot
 import abfm
 from abfm.wording import share
 from abfm_viewer.document.document import RunRecord
+from abfm_viewer.document.verdict_words import LONG_RANGE
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -126,11 +127,11 @@ def _draw_tooltip(ui: Ui, run: RunRecord) -> None:
 
 
 def stage_text(run: RunRecord, at: int) -> str:
-    """Return mesh, reach (distance over which functions are compared) and stage of an iteration."""
+    """Return the stage of an iteration as text: ``mesh of 2,500 vertices, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_mesh_sizes:
-        reach = [f"reach {run.reaches[at]:g}"] if run.reaches[at] else []
-        parts = [f"mesh of {run.vertices[at]:,} vertices", *reach, *parts]
+        search = [LONG_RANGE] if run.reaches[at] else []
+        parts = [f"mesh of {run.vertices[at]:,} vertices", *search, *parts]
     return ", ".join(parts)
 
 

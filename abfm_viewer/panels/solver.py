@@ -137,9 +137,9 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     at_most = ""
     if seconds and remaining > 0:
         at_most = f", at most {rounded_time(seconds * remaining)} more"
-    residual = verdict_words.residual_text(now, snapshot.problem.is_of_landmarks)
+    residual = verdict_words.residual_text(now)
     best = snapshot.shown.residual
-    has_better = best < now.residual and not snapshot.problem.is_of_landmarks
+    has_better = best < now.residual and not now.is_of_landmarks
     earlier = f", best {best:.3g}" if has_better else ""
     ui.note(f"Iteration {now.iteration}/{limit}, {residual}{earlier}", "ink")
     ui.note(capital(step.text() if step else f"{verdict_words.stage_text(now)}{at_most}"))
@@ -217,9 +217,8 @@ def _expected_text(facts: Facts) -> str:
 def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     ui, session = context.ui, context.session
     tone = "muted" if session.outdated else facts.tone
-    headline = verdict_words.short_headline(facts)
-    tip = "" if headline == facts.headline else capital(facts.headline)
-    _draw_headline(context, capital(headline), tone, facts.topics, tip)
+    tip = "" if facts.short_headline == facts.headline else capital(facts.headline)
+    _draw_headline(context, capital(facts.short_headline), tone, facts.topics, tip)
     if steps := len(result.energy_history) - 1:  # their number follows on the same line if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]

@@ -6,7 +6,6 @@ from itertools import product
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import abbreviated
-from abfm_viewer.document.verdict_words import short_headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
@@ -65,5 +64,5 @@ def _state(context: Context) -> tuple[str, ...]:
     if (reported := session.work.facts) is None:
         return ("ready",)
     outdated = ", outdated" if session.outdated else ""
-    texts = reported.headline, short_headline(reported), reported.outcome
+    texts = reported.headline, reported.short_headline, reported.outcome
     return tuple(f"{text}{outdated}" for text in texts)

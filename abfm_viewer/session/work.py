@@ -266,9 +266,8 @@ class MatchWork(Work):
         solver, snapshot = self.parts.solver, self.parts.matching.snapshot
         if snapshot is None:
             return solver.step.text() if solver.step else "starting the solver"
-        residual = residual_text(snapshot.iteration, snapshot.problem.is_of_landmarks)
-        state = "paused" if solver.paused else "solving"
-        return f"{state}, {stage_text(snapshot.iteration)}, {residual}"
+        state, now = "paused" if solver.paused else "solving", snapshot.iteration
+        return f"{state}, {stage_text(now)}, {residual_text(now)}"
 
     @property
     def obstacle(self) -> str:

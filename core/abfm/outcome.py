@@ -119,6 +119,8 @@ class Facts:
     topics : tuple of str
         Names of the sections of ``abfm.troubleshooting`` that explain the outcome and the warnings;
         by default that of the outcome.
+    short_headline : str
+        The headline with shorter words, such as "areas ×1.4"; by default the headline itself.
     """
 
     outcome: Outcome
@@ -129,10 +131,12 @@ class Facts:
     warnings: tuple[str, ...] = ()
     is_complete: bool = True
     topics: tuple[str, ...] = ()
+    short_headline: str = ""
 
     def __post_init__(self) -> None:
         topics = dict.fromkeys(map(str, self.topics or [self.outcome]))  # removes repetitions
         object.__setattr__(self, "topics", tuple(topics))
+        object.__setattr__(self, "short_headline", self.short_headline or self.headline)
 
     @property
     def needs_help(self) -> bool:

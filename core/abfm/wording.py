@@ -30,15 +30,16 @@ def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
-def share(value: float) -> str:
+def share(value: float, is_short: bool = False) -> str:
     """Return a share as text in percent: ``0.7%``, ``2.6%``, ``33%``.
 
     Shares are rounded up, so that a share above a bound is never printed as equal to the bound.
+    If ``is_short``, "less than" is printed as "<".
     """
     if not math.isfinite(value):
         return "an unknown share"
     if value < _SHARE_MIN:
-        return f"less than {100 * _SHARE_MIN:g}%"
+        return f"{'<' if is_short else 'less than '}{100 * _SHARE_MIN:g}%"
     digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001
     return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 

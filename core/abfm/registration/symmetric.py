@@ -77,13 +77,17 @@ class SymmetricRegistration(Correspondence):
             _mean(forward.points, backward.back),
             _mean(forward.back, backward.points),
             np.asarray(asymmetry),
-            replace(facts, headline=headline, numbers=numbers),
+            replace(facts, headline=headline, short_headline=headline, numbers=numbers),
         )
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays that `save` writes: both meshes, both maps, asymmetry and facts."""
-        facts = json.dumps(asdict(self.facts))
-        return super().arrays() | {"asymmetry": self.asymmetry, "facts": np.array(facts)}
+        facts = asdict(self.facts)
+        del facts["short_headline"]
+        return super().arrays() | {
+            "asymmetry": self.asymmetry,
+            "facts": np.array(json.dumps(facts)),
+        }
 
     def save(self, path: File) -> None:
         """Write a ``.npz`` file without pickles, completely or not at all, or raise ResultError."""

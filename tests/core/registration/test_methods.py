@@ -10,14 +10,15 @@ from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.maps.spherical import SphereLayout
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere, five_limbs
+from abfm.registration.correspondence import Candidate
 from abfm.registration.initial import METHODS
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.map_input import MapInput
-from abfm.registration.initial.methods import initial_map
+from abfm.registration.initial.methods import _choice_notes, initial_map
 from abfm.registration.register import prepare
 from abfm.registration.report import initial_details
 from tests.mesh_writers import off_text, write
-from tests.messages import check_message, raises
+from tests.messages import check_message, check_names, raises
 from tests.shapes import icosphere, torus
 
 BALL, EVEN_BALL = icosphere(2), even_sphere(300)
@@ -193,6 +194,8 @@ def test_notes_name_the_chosen_map():
     landmarks = Landmarks.of_vertices(BODY, rolled, pairs[:, 0], pairs[:, 1])
     found = initial_map("landmarks", MapInput(BODY, rolled, landmarks=landmarks))
     check_message(found.notes[0], "landmarks", found.correspondence.candidates[0].name)
+    tied = Candidate("spectral", 4.12), Candidate("matching", 4.11)
+    check_names(*_choice_notes("auto", tied), "spectral, cost 4.12", "more accurate")
     stretched = TriangleMesh(BODY.vertices * [1, 1, 1.1], BODY.faces)
     for method in ("auto", "connectivity"):
         same = initial_map(method, MapInput(BODY, stretched))

@@ -237,7 +237,7 @@ def test_match_writes_files_and_json(tmp_path, abfm):
     assert report["parameters"] == match.parameters.to_dict()
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
     assert report["max_distortion"] == 1000
-    assert re.search(r"^iteration 0 .*stage 1.* energy [\d.]+  residual [\d.]+$", output.err, re.M)
+    assert re.search(r"^iteration 0: mesh .*, sigma .*, residual [\d.]+$", output.err, re.M)
     attributes = trimesh.load(outs[1], process=False).metadata["_ply_raw"]
     assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
     field = attributes["face"]["data"]["velocity_segment_1_2"]

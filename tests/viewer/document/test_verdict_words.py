@@ -16,7 +16,7 @@ from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import short_headline, stage_text
+from abfm_viewer.document.verdict_words import stage_text
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -57,10 +57,10 @@ def judged(match, kind, residual=0.0123, verified=0.03):
         ("registered", 0.41, 0.42, "42%", "good"),
         ("not reached", 0.05, 0.326, "33%", "failure"),
         ("not reached", 0.05, math.nan, "", "failure"),  # folded faces
-        ("not reached", 0.996, 1.3, "little improvement", "failure"),
-        ("not reached", 1.05, math.nan, "little improvement", "failure"),
-        ("not reached", 1.0, 1.42, "no improvement", "failure"),
-        ("not reached", 1.6, 0.1, "no improvement", "failure"),
+        ("not reached", 0.996, 1.3, "130%)", "failure"),
+        ("not reached", 1.05, math.nan, "105%)", "failure"),
+        ("not reached", 1.0, 1.42, "142%, not reduced)", "failure"),
+        ("not reached", 1.6, 0.1, "160%, not reduced)", "failure"),
         ("impossible", 0.01, 0.01, "", "failure"),
     ],
 )
@@ -92,7 +92,7 @@ def test_large_area_change_is_a_warning(found, kind, tone):
     assert "factor" not in within.headline
     assert [("16" in warning) for warning in beyond.warnings] == [True] * (kind != "not reached")
     assert ("a factor of 9.8" in beyond.headline) is (kind != "not reached")
-    assert ("areas ×9.8" in short_headline(beyond)) is (kind != "not reached")
+    assert ("areas ×9.8" in beyond.short_headline) is (kind != "not reached")
     assert beyond.tone == tone
     assert beyond.outcome == within.outcome == kind
     advised = replace(match, verdict=replace(match.verdict, advice=""))
@@ -172,14 +172,15 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
 
 
 def test_unknown_numbers_are_omitted(found, iterations):
-    """The stage omits the mesh if there is one level, and a reach of 0."""
+    """A stage with a reach of 0 does not search at long range."""
     assert residual_text(found) == "0.0123, 0.03 along flow lines, 0.1% folded"
     assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
     assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
-    assert stage_text(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
-    assert stage_text(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
+    start = replace(iterations[0], vertices=2500, sigma=18.0)
+    assert stage_text(start) == "mesh of 2,500 vertices, sigma 18, long-range search"
+    assert stage_text(replace(start, reach=0.0)) == "mesh of 2,500 vertices, sigma 18"
 
 
 def test_remedies_are_written_as_command_line_options(found):

@@ -21,7 +21,6 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.verdict_words import short_headline
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.menus import UI_SCALES
@@ -56,6 +55,7 @@ def longest():
         max(SENTENCES.values(), key=len),
         max(ADVICE.values(), key=len),
         warnings=("5% of the surface changes its area by a factor of 1200 or more",),
+        short_headline="registered (residual <0.01%), areas ×1200",
     )
 
 
@@ -234,7 +234,7 @@ def test_no_widget_or_text_covers_another(layouts):
 
 def test_verdicts_are_never_clipped(layouts):
     facts = longest()
-    expected = {short_headline(facts), facts.reason, *facts.warnings, f"advice: {facts.advice}"}
+    expected = {facts.short_headline, facts.reason, *facts.warnings, f"advice: {facts.advice}"}
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         notes = {note["text"].lower().removesuffix("."): note for note in layout["notes"]}
         assert expected <= notes.keys(), where(layout)
@@ -247,7 +247,7 @@ def test_verdicts_are_never_clipped(layouts):
 
 
 def test_headline_has_one_line(layouts):
-    headline = short_headline(longest())
+    headline = longest().short_headline
     for layout in layouts:
         if layout["state"] == LONGEST and layout["scale"] == 1:
             [note] = [note for note in layout["notes"] if note["text"].lower() == headline]
@@ -259,7 +259,7 @@ def test_status_line_has_the_headline_or_the_verdict(layouts):
     facts = longest()
     for layout in (layout for layout in layouts if layout["state"] == LONGEST):
         lines = [line for line in layout["lines"] if line["area"] == layout["parts"]["status"]]
-        allowed = facts.headline, short_headline(facts), str(facts.outcome)
+        allowed = facts.headline, facts.short_headline, str(facts.outcome)
         assert lines[0]["text"] in allowed, where(layout)
         for line in lines:
             (left, _, right, _) = line["rect"]

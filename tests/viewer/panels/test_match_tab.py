@@ -70,7 +70,8 @@ def test_axis_of_areas_has_round_factors(widest, factors):
 
 def test_tooltip_describes_an_iteration():
     coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
-    assert energy.stage_text(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
+    first = "mesh of 600 vertices, long-range search, stage 1"
+    assert energy.stage_text(coarse_to_fine, 0) == first
     assert energy.stage_text(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
     assert energy.stage_text(run([0, 0, 1]), 2) == "stage 2"  # an iteration before the change
 

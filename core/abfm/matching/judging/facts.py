@@ -16,7 +16,7 @@ from abfm.wording import counted, factor, share
 
 LOG2_AREA_GOOD = 1.0
 """Largest 95th percentile of ``|log2 J|`` without a warning; 1 is a factor of 2 in area."""
-_SHARE_COMPLETE = 0.995  # larger shares are printed as 100%
+_SHARE_REDUCED = 0.995  # a residual of a larger share of the initial one is not reduced
 _UNFINISHED_REASONS = {
     StopReason.CANCELLED: "the run was cancelled; this is the best field so far",
     StopReason.OUT_OF_MEMORY: "memory ran out; this is the best field so far",
@@ -49,21 +49,20 @@ class Report:
     def facts(self) -> Facts:
         evidence, verdict = self.evidence, self.verdict
         is_given = evidence.stop_reason is StopReason.GIVEN
-        headline, reason, bound = self._headline(), self._reason(), evidence.bound
-        if bound is not None and bound.is_satisfied:
-            headline += f", distortion within {bound.max_distortion:g}"
-            if verdict.cause is not Cause.DISTORTION_LIMITED:
-                reason += f"; {sentence_of_bound(bound)}"
+        reason, bound = self._reason(), evidence.bound
+        if bound and bound.is_satisfied and verdict.cause is not Cause.DISTORTION_LIMITED:
+            reason += f"; {sentence_of_bound(bound)}"
         warnings = self._warnings()
         return Facts(
             verdict.kind,
-            headline,
+            self._headline(),
             reason,
             "" if is_given else self._advice(),
             self._numbers(),
             tuple(warnings.values()),
             evidence.stop_reason not in _UNFINISHED_REASONS,
             (verdict.topic, *warnings),
+            self._headline(is_short=True),
         )
 
     @property
@@ -74,35 +73,39 @@ class Report:
     def _distorts(self) -> bool:
         return bool(distortion_warnings(self.verdict.kind, self.log2_area_95))
 
-    def _headline(self) -> str:
-        reason, outcome = self.evidence.stop_reason, self.verdict.kind
+    def _headline(self, is_short: bool = False) -> str:
+        reason, bound, outcome = self.evidence.stop_reason, self.evidence.bound, self.verdict.kind
+        by_size = outcome_of(self._worse, self.parameters.goal)
+        achieved, log2_area = _residual(self._worse, is_short), self.evidence.log2_area
+        is_missed = by_size is Outcome.NOT_REACHED
+        if is_missed and self._worse >= _SHARE_REDUCED * self.initial_residual:
+            achieved += ", not reduced"
+        has_areas = False
         if reason is StopReason.GIVEN:
-            return "given field"
-        if self.is_of_landmarks:
-            return f"{reason if reason.is_interrupted else outcome}: {self._landmarks()}"
-        by_size, achieved = outcome_of(self._worse, self.parameters.goal), _residual(self._worse)
-        if by_size is Outcome.NOT_REACHED:
-            if self._worse >= _SHARE_COMPLETE * self.initial_residual:
-                achieved = "no improvement"
-            elif self._worse >= _SHARE_COMPLETE:
-                achieved = "little improvement"
-        if reason is StopReason.CANCELLED:
-            return f"cancelled ({achieved})"
-        if outcome is Outcome.NOT_REACHED and outcome is by_size:
-            return f"{outcome} ({achieved})"
-        areas = self._areas() if self._distorts or outcome is Outcome.REGISTERED else ""
-        return headline_of(outcome, self._worse, self.parameters.goal) + areas
+            headline = "given field"
+        elif self.is_of_landmarks:
+            kind = reason if reason.is_interrupted else outcome
+            headline = f"{kind}: {self._landmarks(is_short)}"
+        elif reason is StopReason.CANCELLED or (outcome is Outcome.NOT_REACHED and is_missed):
+            kind = reason if reason is StopReason.CANCELLED else outcome
+            headline = f"{kind} ({achieved})"
+        else:
+            headline = headline_of(outcome, self._worse, self.parameters.goal, is_short)
+            has_areas = self._distorts or outcome is Outcome.REGISTERED
+        if has_areas and not math.isnan(log2_area):
+            change = "areas ×" if is_short else "areas change by a factor of "
+            headline += f", {change}{factor(log2_area)}"
+        if bound and bound.is_satisfied:
+            limit = "≤" if is_short else "within "
+            headline += f", distortion {limit}{bound.max_distortion:g}"
+        return headline
 
-    def _areas(self) -> str:
-        log2 = self.evidence.log2_area
-        return "" if math.isnan(log2) else f", areas change by a factor of {factor(log2)}"
-
-    def _landmarks(self) -> str:
+    def _landmarks(self, is_short: bool) -> str:
         errors = self._errors
-        farthest = float(errors.max())
+        farthest, count = float(errors.max()), counted(len(errors), "landmark")
         if not math.isfinite(farthest):
-            return f"errors of {counted(len(errors), 'landmark')} unknown"
-        return f"{counted(len(errors), 'landmark')} within {share(farthest)} of sqrt(area)"
+            return f"errors of {count} unknown"
+        return f"{count} within {share(farthest, is_short)} of sqrt(area)"
 
     @property
     def _errors(self) -> FloatArray:
@@ -167,7 +170,9 @@ class Report:
         return found | distortion_warnings(self.verdict.kind, self.log2_area_95)
 
 
-def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
+def headline_of(
+    outcome: Outcome, residual: float, goal: float = Parameters.goal, is_short: bool = False
+) -> str:
     """Return the headline of an outcome, such as ``nearly matched (residual 8%)``.
 
     The residual is omitted if the outcome is bad. It is also omitted if ``residual`` and ``goal``
@@ -175,11 +180,11 @@ def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal
     """
     phrase = "nearly matched" if outcome is Outcome.NEARLY else str(outcome)
     by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
-    return f"{phrase} ({_residual(residual)})" if outcome.is_good and by_size else phrase
+    return f"{phrase} ({_residual(residual, is_short)})" if outcome.is_good and by_size else phrase
 
 
-def _residual(residual: float) -> str:
-    return f"residual {share(residual)}"
+def _residual(residual: float, is_short: bool) -> str:
+    return f"residual {share(residual, is_short)}"
 
 
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTopic, str]:

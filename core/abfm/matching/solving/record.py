@@ -135,6 +135,7 @@ class Iteration:
     view: View
     path: tuple[PathStep, ...] = ()  # the steps so far, without fields
     fields: int = 1  # number of consecutive fields, N
+    is_of_landmarks: bool = False  # whether only landmarks are matched
 
     @property
     def velocity(self) -> FloatArray:
@@ -253,4 +254,5 @@ class Record:
             view=IterateView(point.x, advected, between, mesh, number, self.is_provisional),
             path=self.path,
             fields=len(point.x),
+            is_of_landmarks=energy.is_of_landmarks,
         )

@@ -83,11 +83,10 @@ def _choice_notes(method: str, candidates: Sequence[Candidate]) -> tuple[str, ..
         name = f"{method} (found by the method {name})"
         note = f"initial map: {name}"
     if others:
-        second = others[0]
-        note = (
-            f"initial map: {name}, the candidate of least cost {chosen.cost:.2f} (second best: "
-            f"{second.name}, cost {second.cost:.2f})"
-        )
+        cost, other = f"{chosen.cost:.2f}", f"{others[0].name}, cost {others[0].cost:.2f}"
+        note = f"initial map: {name}, the candidate of least cost {cost} (second best: {other})"
+        if others[0].cost < chosen.cost:  # among almost equal maps, the most accurate is chosen
+            note = f"initial map: {name}, cost {cost} (similar to {other}, but more accurate)"
     return (note,) if note else ()
 
 
