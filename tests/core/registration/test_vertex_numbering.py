@@ -42,6 +42,6 @@ def test_shifted_landmarks_are_reported(tmp_path):
     of_a = np.random.default_rng(1).choice(np.arange(1, 1200), 12, replace=False)
     pairs = np.stack([of_a, TRUE[of_a]], axis=1)
     [text] = read(tmp_path / "p.csv", pairs + 1)[1]
-    check_message(text, "counted from 0", "--one-based")
+    check_message(text, "from 1 instead of 0", "--one-based")
     [text] = read(tmp_path / "p.csv", pairs, one_based=True)[1]
-    check_message(text, "counted from 1", "Remove --one-based")
+    check_message(text, "from 0 instead of 1", "Remove --one-based")
