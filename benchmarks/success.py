@@ -160,7 +160,10 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, distance: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, and two distant ones whose distances from it are in a range."""
+    """Return a random vertex, and two others whose distances from it are in a range.
+
+    The two others are also distant from each other.
+    """
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, distance)

@@ -77,7 +77,7 @@ def groups() -> dict[str, list[str]]:
 
 @cache
 def _sections() -> dict[str, tuple[str, str]]:
-    """Return each section's heading and text, by name."""
+    """Return, by name, the heading above each section and the text of the section."""
     parts = _HEADINGS.split(_path().read_text(encoding="utf-8"))[1:]
     group, found = "", {}
     for level, title, text in zip(parts[::3], parts[1::3], parts[2::3], strict=True):

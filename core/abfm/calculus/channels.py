@@ -134,7 +134,7 @@ def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> F
 
 
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
-    """Return the function ``values -> extend(mesh, values, known)``, factored only once."""
+    """Return ``values -> extend(mesh, values, known)``, which factors its matrix only once."""
     if known.all():
         return lambda values: values
     joined = adjacency(mesh)

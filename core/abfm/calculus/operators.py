@@ -83,7 +83,7 @@ def edge_areas(mesh: TriangleMesh) -> FloatArray:
 
 
 def _thirds(owners: IntArray, areas: FloatArray, count: int) -> FloatArray:
-    """Return sums (count,) over faces; each adds a third of its area to its three ``owners``."""
+    """Return sums (count,) over faces; each adds a third of its area to its vertices or edges."""
     found = np.bincount(owners.ravel(), np.repeat(areas / 3, 3), minlength=count)
     return np.asarray(found, dtype=np.float64)
 

@@ -189,7 +189,7 @@ def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
     They are orthogonal in the inner product of ``G_F``.
     """
     edges, vertices = hodge_gradients(mesh)
-    # a pinched vertex does not connect the edges of its parts
+    # one edge of each part is grounded, as a pinched vertex does not connect edges of two parts
     first_faces = np.unique(mesh.parts, return_index=True)[1]
     first_edges, first_vertex = mesh.face_edges[first_faces, 0], np.arange(int(mesh.is_closed))
     mass = field_mass(mesh)

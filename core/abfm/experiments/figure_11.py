@@ -454,7 +454,7 @@ def maps_without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
     """Compose a map from B to A with the flow of a match on B, by two methods.
 
-    They are flow lines, and nearest neighbours by the functional map of the flow in ``k``
+    The methods are flow lines, and nearest neighbours by the functional map of the flow in ``k``
     eigenfunctions. Return the maps by ``name`` and method.
     """
     a, b = start.codomain, start.domain

@@ -34,7 +34,7 @@ _LENGTH_MIN = 1e-12  # shorter steps, relative to the face, are not taken
 # would choose the side on which a flow line passes a vertex.
 _INWARD_SHARE = 1e-10
 _CHUNK = 4096  # points between checks for cancellation: 0.2 s if each crosses a hundred faces
-_CROSSINGS = 64  # a step that crosses more edges counts as caught at a vertex
+_CROSSINGS = 64  # a step that crosses more edges circles around a vertex, and ends
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # centres of the child faces
 # a step whose squared length fell below this share has slid along the boundary
 _STRAIGHT_SHARE_MIN = 1 - 1e-9

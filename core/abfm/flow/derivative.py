@@ -52,7 +52,7 @@ class DerivativePattern:
     # (V,), share of each vertex in the area of its cluster; None without clusters
     shares: FloatArray | None
     indptr: IndexArray  # (V + 1,), first group of each row
-    indices: IndexArray  # (G, 7), columns; the row itself as padding
+    indices: IndexArray  # (G, 7), column of each entry; padding has that of its row
     # (B + 1,), blocks of rows whose neighbours are in the same, the next or the previous block
     bounds: IndexArray
     transpose: IndexArray  # (7 G,), position of the entry with row and column exchanged
@@ -114,7 +114,7 @@ def derivative_pattern(mesh: TriangleMesh) -> DerivativePattern:
 
 @per_mesh
 def clustered_pattern(mesh: TriangleMesh) -> DerivativePattern:
-    """Return the pattern for one value per useful cluster (`vertex_clusters`) of vertices."""
+    """Return the pattern of ``D_v`` for functions with one value per cluster of vertices."""
     clusters = vertex_clusters(mesh)
     if clusters is None:
         return derivative_pattern(mesh)

@@ -42,7 +42,7 @@ _RESIDUAL_DIFFERENCE = 0.005
 """Allowed difference between the stored residual and the residual computed from the field.
 
 It is a tenth of the usual goal. Rounding errors are 1e-6 of it."""
-_RESIDUAL_SHARE = 0.05  # the same, relative to the residual
+_RESIDUAL_SHARE = 0.05  # allowed difference relative to the stored residual
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ _SLOW_AREA_SHARE = 0.98
 _GRAIN_TEXELS_MIN = 1.5
 _CONTRAST_STRIDE = 7  # texels between the samples that determine the contrast
 _ROUNDING = 1e-9
-# steps by which a streamline grows beyond its first ones, and how often it may grow
+# number of steps by which a streamline grows at once, and how often it may grow
 _CHUNK = 4
 _CHUNKS = 12
 _NEW_TEXEL = 255  # marks texels that no streamline has met

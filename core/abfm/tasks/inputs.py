@@ -183,7 +183,7 @@ def _circular(text: str) -> bool | float:
 
 @lru_cache(maxsize=1000)  # rows of a table share functions
 def read_function(text: str) -> str:
-    """Return the specification of a text: a specification, or the name of a values file."""
+    """Return the function specification of a text, which may also be the name of a file."""
     try:
         parse(text)
     except FunctionError:

@@ -65,15 +65,15 @@ SENTENCES: dict[Cause, str] = {
         "{missed} of {count} landmarks end more than {limit} of sqrt(area) from their targets"
     ),
     Cause.LIMIT_OF_DATA: (
-        "a closer match would fit noise, as patches that were excluded from the fit would not "
-        "match better"
+        "a closer match would fit noise, as patches of the surface that the fit excludes would "
+        "not match better"
     ),
     Cause.LITTLE_IMPROVEMENT: (
         "the residual is not clearly smaller than before the flow, so the functions are not "
         "registered"
     ),
     Cause.NO_HELD_OUT_IMPROVEMENT: (
-        "patches that were excluded from the fit do not match better, so the field fits noise"
+        "patches of the surface that the fit excludes do not match better, so the field fits noise"
     ),
     Cause.INITIAL_MAP: "{warning}",
     Cause.COMPLETE_MAP: (
@@ -109,8 +109,8 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.NOT_SOLVED: "the interval was not solved, as the run was cancelled earlier",
     Cause.UNDETERMINED: (
-        "the frames determine no motion: the field does not predict held-out frames, as in a "
-        "standing wave or in noise"
+        "the frames determine no motion: the field does not predict frames that the fit "
+        "excludes, as in a standing wave or in noise"
     ),
     Cause.SELECTED_STEP: "this is the step of the continuation with sigma {sigma:.3g}",
     Cause.DISTORTION_LIMITED: (
@@ -135,7 +135,8 @@ ADVICE: dict[Cause, str] = {
     Cause.COMPLETE_MAP: "smooth the functions of A, or refine its mesh",
     Cause.SOURCE_UNMOVED: "check that the functions correspond",
     Cause.SOURCE_SQUEEZED: (
-        "use wider functions that overlap, or match intermediate targets, each from the last field"
+        "use wider functions that overlap, or match intermediate targets, each starting from the "
+        "last field"
     ),
 }
 """Advice for causes that no change of parameters removes."""

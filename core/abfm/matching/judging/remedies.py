@@ -94,7 +94,7 @@ class Remedies:
         return Remedy("More time", f"use more iterations, such as {count}", {"iterations": count})
 
     def larger_reach(self) -> Remedy:
-        """Suggest to search for the target over a larger distance."""
+        """Suggest a search for the target over a larger distance."""
         p, usual = self._parameters, _DEFAULTS.to_dict()
         needed = _rounded(max(solvability.distance(self._functions), _DEFAULTS.solver.reach))
         values = {name: usual[name] for name in _CONTINUATION_NAMES} if not p.solver.reach else {}

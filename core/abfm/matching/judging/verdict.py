@@ -144,7 +144,7 @@ class Evidence:
     # initial and final errors of the landmarks, (L,) each, in sqrt(area); None without landmarks
     landmarks: tuple[FloatArray, FloatArray] | None = None
     held_out: float = math.nan  # see `PathStep.held_out`
-    bound: Bound | None = None  # distortion of a match with a bound
+    bound: Bound | None = None  # None without a bound
 
 
 def is_registered(residual: float, first: float) -> bool:
@@ -369,7 +369,7 @@ class _Case:
         return change
 
     def _with_landmarks(self, change: str) -> str:
-        """Append landmark errors to ``change``; omit ``change`` if only landmarks are matched."""
+        """Return ``change`` with landmark errors, or only these if no functions are matched."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])

@@ -70,7 +70,8 @@ class Sweep:
 
     level: int
     sigmas: tuple[float, ...]  # remaining values of sigma
-    at: FloatArray | Evaluation | None = None  # initial fields (N, F, 2); None: of ``origin``
+    # initial fields (N, F, 2); None if ``origin`` provides them
+    at: FloatArray | Evaluation | None = None
     origin: StepResult | None = None  # coarser step to continue; results have its score
     reach: float = 0.0  # reach of the search; 0 once the target is found
     held_out: HeldOut | None = None
@@ -433,8 +434,8 @@ def _prolongation(state: State) -> State:
 def _exact(state: State) -> State:
     """Plan to continue the best step without clusters of vertices, unless they have little effect.
 
-    They have little effect if the residual is within the goal. After defect corrections, they also
-    have if the residual of the discrete flow is at most that of flow lines.
+    They have little effect if the residual is within the goal. After defect corrections, this is
+    also true if the residual of the discrete flow is at most that of flow lines.
     """
     state, result = replace(state, phase=Phase.REFINEMENT), state.path[_end(state)]
     is_corrected = state.schedule.is_free and result.residual <= result.verified_residual

@@ -141,7 +141,7 @@ class HeldOut(NamedTuple):
 
         ``log2_area`` is the mean ``|log2 J|`` of the map of the step. The score uses flow lines,
         because the discrete flow lags behind the exact one. Fields of a small sigma compensate for
-        this lag, even where they are not fitted, so the discrete flow would select a too small
+        this lag, even where they are not fitted, so the discrete flow would select too small a
         sigma. However, flow lines interpolate, which lowers the residual of noise. Whether a field
         improves anything is therefore decided by the discrete flow.
         """

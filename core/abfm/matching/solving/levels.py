@@ -163,7 +163,10 @@ class Level:
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
-        """Transfer fields (N, F, 3) of the next finer mesh, of unit area, to (N, F, 2)."""
+        """Transfer fields (N, F, 3) from the next finer mesh, of unit area, to this mesh.
+
+        Return coefficients (N, F, 2).
+        """
         if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
@@ -284,7 +287,7 @@ class Levels:
         return replace(self, all=(*self.all[:-1], coarse, finer))
 
     def clustered(self) -> "Levels":
-        """Return the levels with one with clusters of vertices before the last one, if useful."""
+        """Return the levels; precede the last one by a copy with clusters of vertices if useful."""
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 

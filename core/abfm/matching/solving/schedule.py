@@ -73,7 +73,10 @@ def falls(
     by: float = SETTINGS.fall_min,
     within: int = SETTINGS.fall_iterations,
 ) -> bool:
-    """Return whether values fell by a share ``by`` in the last ``within`` steps, if so many."""
+    """Return whether values fell by a share ``by`` within the last ``within`` iterations.
+
+    True also if there are too few values to compare.
+    """
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 
@@ -132,7 +135,8 @@ class Schedule:
     def reach(self, residual: float) -> float:
         """Return the reach of the next variant, after a variant with this residual.
 
-        If the residual shows that the target was missed, it is the largest reach.
+        It is the largest reach if the residual shows that the target was missed, else the usual
+        one.
         """
         is_missed = self.is_free and not self.is_found(residual) and not self._has_landmarks_only
         return REACH_MAX if is_missed else self.first_reach

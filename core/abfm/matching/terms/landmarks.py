@@ -35,7 +35,10 @@ class LandmarkMisfit(NamedTuple):
 
 
 class LandmarkCurvature(NamedTuple):
-    """Factors of the derivative ``J^T D r`` and the approximate second derivative ``J^T D J``."""
+    """Factors of the derivatives of the landmark term, ``J^T D r`` and (second) ``J^T D J``.
+
+    The second derivative is an approximation.
+    """
 
     jacobian: sparse.csr_array  # (2 L, N F 2), J: derivative of the landmarks' ends by the fields
     weights: FloatArray  # (2 L,), diagonal matrix D
