@@ -82,7 +82,7 @@ class PaperEnergy:
     def __call__(self, v: FloatArray) -> tuple[float, FloatArray]:
         """Return energy and gradient at frame coefficients (2F,) on the mesh scaled to unit area.
 
-        They are infinite and 0 if one of them overflows or would take minutes.
+        If one of them overflows or would take minutes, the energy is infinite and the gradient 0.
         """
         p = self.parameters
         derivative = directional_derivative(self.mesh, v.reshape(-1, 2))
@@ -140,9 +140,10 @@ def minimise(
 
     The time includes the setup. An evaluation that runs at the time limit still counts.
 
-    Two replacements of minFunc were tried, with its memory of `MEMORY` pairs, its scaling and a
-    strong Wolfe search. L-BFGS-B of SciPy found lower energies than the L-BFGS of this package
-    without preconditioner, which has the first step and the constants of minFunc.
+    Two replacements of minFunc, the paper's optimiser, were tried, with its memory of `MEMORY`
+    pairs, its scaling and a strong Wolfe search. L-BFGS-B of SciPy found lower energies than the
+    L-BFGS of this package without preconditioner, which has the first step and the constants of
+    minFunc.
     """
     start = perf_counter()
     energy = PaperEnergy(mesh, f, g, parameters)

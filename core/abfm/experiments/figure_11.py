@@ -429,8 +429,8 @@ def comparison_of(
     setting = (
         f"Reduced basis: {k} eigenfunctions, {2 * count} fields, sigma {_SIGMA:g}. Maps are "
         "closest points of A to the advected coordinates, also with truncated coordinates of A. "
-        "Others are the initial map composed with exact flow lines, and nearest neighbours by the "
-        "flow's functional map"
+        "Other maps are the initial map composed with exact flow lines, and nearest neighbours by "
+        "the flow's functional map"
     )
     return Comparison(one, three, by_one_flow, reduced, reduced_functions, read, qualities, setting)
 

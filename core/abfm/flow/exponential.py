@@ -33,7 +33,7 @@ _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
 _PRODUCTS_MIN = 2.0  # segments with fewer products are not split, as this would not help
 _BOUND_MIN = 1e-100  # smallest rho; a zero field also needs a positive rho for its derivative
-_MEMORY = 70_000_000  # numbers in the stored terms of a series
+_MEMORY = 70_000_000  # largest count of numbers in the stored terms
 # Segment lengths in products. Shorter segments spend more than half of them on the tail.
 _SHORT_SEGMENT = 30.0
 _LONG_SEGMENT = 1000.0
@@ -136,7 +136,8 @@ def _bessel_coefficients(x: float) -> FloatArray:
 class Segment:
     """One segment of an advection: the function at its start, and the count of terms of its series.
 
-    The stored terms, if any, are valid while the workspace has the same generation.
+    The stored terms, if any, are valid until the workspace is released, which changes its
+    generation.
     """
 
     start: FloatArray

@@ -294,7 +294,7 @@ def smeared(weights: FloatArray, picture: int, noise: FloatArray, start: int) ->
 def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: FloatImage) -> None:
     """Convolve noise along streamlines, with ``weights`` (P, K), into ``images`` (P, texels).
 
-    The convolution fills the texels whose centre is in their face, and sets ``done`` (texels,) for
+    The convolution fills the texels with the centre in their face, and sets ``done`` (texels,) for
     them. A texel gets the value of the streamline nearest to its centre. A streamline grows while
     enough of the texels that it meets are new.
     """

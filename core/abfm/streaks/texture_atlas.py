@@ -95,7 +95,7 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
 
 @per_mesh
 def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
-    # first the corner opposite the longest edge, then the farther and the nearer other corner
+    # first the corner opposite the longest edge, then the other two, the farther one first
     edges = edge_lengths(mesh)[mesh.face_edges]
     by_edge = np.argsort(edges, axis=1, kind="stable")
     order, legs = by_edge[:, [2, 0, 1]], np.take_along_axis(edges, by_edge[:, [1, 0]], axis=1)

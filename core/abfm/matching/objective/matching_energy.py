@@ -77,8 +77,11 @@ class Adjoint:
 class Bracket:
     """The derivative of the paper by Lie brackets (Eq. 9 and section 7).
 
-    For one field and ``dt = t / n`` the derivative is
-    ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``.
+    For one field and ``dt = t / n`` the derivative is ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T
+    sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``.
+
+    The sums are over s = 0 to k and r = 1 to n. Here ``f_r`` is the source after r substeps, and
+    ``mu`` the derivative by the advected function.
     """
 
     mesh: TriangleMesh
