@@ -208,8 +208,8 @@ def report_text(report: Report) -> str:
         "Flow: root mean square of its speed for a time of 1, and alpha of the norm in which it is "
         "random. Texture: its correlation length. Error: mean distance from the true map. All are "
         f"over sqrt(area). The target has {100 * settings['noise']:g}% noise. Best sigma: the best "
-        f"of {', '.join(f'{sigma:g}' for sigma in SIGMAS)}. Sigma, alpha: of the match with defaults. "
-        "log2 J: mean |log2 J| of the true map and of the one found.",
+        f"of {', '.join(f'{sigma:g}' for sigma in SIGMAS)}. Sigma, alpha: of the match with "
+        "defaults. log2 J: mean |log2 J| of the true map and of the one found.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}. "
         f"{machine_line(report['machine'])}.",
     )

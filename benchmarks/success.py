@@ -326,8 +326,8 @@ def report_text(report: Report) -> str:
         f"A success has a residual of at most {GOAL:g} by the discrete flow and along flow lines. "
         "Solvable: the source has the target's values and peaks, also on boundaries and on parts "
         "joined only at vertices. Residuals, products (of rows of D_v) and seconds are medians. "
-        f"Unfolded: matches with at most {100 * FOLDED_MAX:g}% folded faces. Refined: on a "
-        "subdivision.",
+        f"Unfolded: matches with at most {100 * FOLDED_MAX:g}% folded faces. Refined: "
+        "matched on a subdivided mesh.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{seconds:.0f} s in total. {machine_line(report['machine'])}.",
     )

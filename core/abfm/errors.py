@@ -5,7 +5,7 @@ from difflib import get_close_matches
 from itertools import islice
 from typing import Any, NamedTuple
 
-# limits of the comparison, which is slow
+# limits of the search for similar words, which is slow
 _WORDS_MAX = 1000  # words of a message
 _LETTERS_MAX = 60  # letters of a word
 

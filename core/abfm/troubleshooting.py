@@ -23,16 +23,8 @@ def names() -> list[str]:
 def section(name: str) -> str:
     """Return the text of a section as Markdown, without its heading and without links.
 
-    Parameters
-    ----------
-    name : str
-        Name of an outcome, a cause or a warning. Case does not matter, and hyphens may replace
-        spaces: "Values differ" and "values-differ" name the same section.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such section.
+    Case does not matter, and hyphens may replace spaces in the name of an outcome, a cause or a
+    warning. Raise ParameterError if there is no such section.
     """
     return _sections()[title(name)][1]
 

@@ -61,10 +61,7 @@ class Advection:
 
     @property
     def exponent(self) -> float:
-        """The approximate number of matrix products of an advection.
-
-        It is the time times a bound of the spectral radius of ``D_v``, summed over the fields.
-        """
+        """The approximate number of matrix products of an advection, from bounds of ``D_v``."""
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:

@@ -66,7 +66,7 @@ class ContinuousFlow:
         sizes = np.sqrt(face_areas(fine)) / mesh.length_scale
         with np.errstate(over="ignore", invalid="ignore"):
             speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
-            # faces that a point crosses per unit of time, averaged with the areas sizes^2
+            # mean number of faces that a point crosses per unit of time, by area (sizes^2)
             self._pace = np.array([float(sizes @ speed) for speed in speeds])
         self._cache: tuple[int, IndexArray, SmoothFlow] | None = None
         self._spans(0.0, self.tau)

@@ -98,11 +98,7 @@ class DerivativePattern:
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Convert derivatives by the entries of ``D_v`` to derivatives by v.
-
-        ``entries`` (G, 7) are the derivatives of an energy; its derivatives by v are added to
-        ``out`` (F, 2).
-        """
+        """Add derivatives by v to ``out`` (F, 2), from those by the entries of ``D_v`` (G, 7)."""
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 

@@ -494,8 +494,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
 def substitutes(match: Match) -> dict[str, Any]:
     """Return arrays, by name, that replace those of a match that cannot be saved.
 
-    Advected source and residual are recomputed from the field if possible. When the file is loaded,
-    arrays that disagree with the field are recomputed.
+    Advected source and residual are recomputed from the field if possible.
     """
     advected, residual = match.source, 0.0
     with suppress(Exception):  # any error of a field that was never checked

@@ -58,11 +58,7 @@ def range_bound(functions: FunctionTerm) -> float:
 
 
 def value_gap(functions: FunctionTerm) -> float:
-    """Return the larger `range_bound` of the match from f to g and of the match from g to f.
-
-    The value is the same if f and g are exchanged. If it is large, at least one of the two matches
-    is impossible.
-    """
+    """Return the larger `range_bound` of the matches from f to g and from g to f."""
     return max(range_bound(functions), range_bound(functions.reversed()))
 
 
@@ -86,8 +82,7 @@ def distance(functions: FunctionTerm) -> float:
     """Return the straight distance over which the source has to move, in sqrt(area).
 
     The difference of source and target has a positive and a negative part. The distance is that
-    between the centres of both parts, in the channel where it is largest. It is 0 if no channel has
-    both parts.
+    between their centres, in the channel where it is largest; 0 if no channel has both parts.
     """
     excess = (functions.source - functions.target)[_weighted_channels(functions)] * functions.areas
     more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
@@ -105,8 +100,7 @@ def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
     """Return whether shrinking the source reduced the mismatch more than moving it.
 
     Let ``a`` be the advected source (C, V), and subtract the mean of each function. Shrinking then
-    lowers ``|a - g|^2`` by ``|f|^2 - |a|^2``, and motion lowers it by ``2 <a - f, g>``. False if
-    ``|a|^2`` is at least half of the smaller one of ``|f|^2`` and ``|g|^2``.
+    lowers ``|a - g|^2`` by ``|f|^2 - |a|^2``, and motion lowers it by ``2 <a - f, g>``.
     """
     size = min(functions.deviation(functions.source), functions.deviation(functions.target)) ** 2
     remaining = functions.deviation(advected) ** 2
@@ -141,10 +135,9 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
 
 
 def narrowest(functions: FunctionTerm) -> float:
-    """Return the smallest `resolution` of all channels of source and target, in edges.
+    """Return the smallest `resolution` of source and target in weighted channels, in edges.
 
-    Only channels with a weight above 0 count. Features of the target count only where the mask is
-    above 0.
+    Masked vertices of the source count, but not those of the target.
     """
     mesh, weighted, known = functions.mesh, functions.weights > 0, functions.areas > 0
     sources = [_of_channel(mesh, f) for f in functions.source[weighted]]

@@ -59,11 +59,7 @@ def _factored(matrix: sparse.csr_array) -> Solve:
 
 
 def _factoring_step(unknowns: int, since: float | None = None) -> AbstractContextManager[object]:
-    """Return a progress step for factoring a system; its cost is estimated as ``unknowns^1.5``.
-
-    Nested dissection of a surface mesh takes this number of operations. ``since`` is the start
-    time, if the factorisation already runs.
-    """
+    """Return a progress step of factoring; nested dissection costs about ``unknowns^1.5``."""
     return step("factoring", unknowns**1.5, f" a system of {unknowns:,} unknowns", since)
 
 

@@ -59,10 +59,7 @@ Rename = Callable[[str], str]  # a function that returns another name for a file
 
 
 def parameter_reader(name: str, is_optional: bool) -> Callable[[str], Any]:
-    """Return a function that parses the value of a parameter or raises ParameterError.
-
-    If the parameter is optional, the function parses "auto" as None.
-    """
+    """Return a parser of the values of a parameter; an optional one reads "auto" as None."""
     entry = FIELDS[name]
     noun = f"{'an integer' if is_integer(entry) else 'a number'}{' or auto' * is_optional}"
 
@@ -114,8 +111,7 @@ def parameter_inputs(
 ) -> tuple[Input, ...]:
     """Return one input for each parameter of a match.
 
-    ``defaults`` has the default of each parameter by name; without it, all parameters have their
-    usual defaults. None is a default that the solver chooses; such an input also accepts "auto".
+    ``defaults`` has the defaults by name; None is a default that the solver chooses, or "auto".
     ``help`` has texts by name that replace the usual help.
     """
     inputs = []

@@ -28,10 +28,7 @@ class Preview(NamedTuple):
 def preview_of(
     path: Path, file: results.FileKind, functions: Callable[..., list[FloatArray]]
 ) -> Preview:
-    """Return the surface of a result file, with functions (V,) computed from its arrays.
-
-    ``functions`` takes the arrays and returns these functions. ResultError if the file is damaged.
-    """
+    """Return the surface of a result file, with functions (V,) computed from its arrays."""
     arrays = results.load_arrays(path, file)
     try:
         mesh = results.mesh_of(arrays)

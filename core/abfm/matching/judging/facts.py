@@ -175,8 +175,8 @@ def headline_of(
 ) -> str:
     """Return the headline of an outcome, such as ``nearly matched (residual 8%)``.
 
-    The residual is omitted if the outcome is bad. It is also omitted if ``residual`` and ``goal``
-    alone would give another outcome.
+    The residual is omitted if the outcome is bad, or does not follow from ``residual`` and
+    ``goal``.
     """
     phrase = "nearly matched" if outcome is Outcome.NEARLY else str(outcome)
     by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
@@ -188,10 +188,9 @@ def _residual(residual: float, is_short: bool) -> str:
 
 
 def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTopic, str]:
-    """Return the warning, by topic, that the map of a good result changes areas strongly.
+    """Return the warning, by topic, that the map of a good result changes areas strongly, if so.
 
-    The dictionary is empty if ``log2_area_95`` is at most `LOG2_AREA_GOOD`, or if the outcome is
-    bad. ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
+    ``log2_area_95`` is the 95th percentile of ``|log2 J|`` over the faces.
     """
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return {}

@@ -148,12 +148,7 @@ class Evidence:
 
 
 def is_registered(residual: float, first: float) -> bool:
-    """Return whether a residual is small enough for the verdict ``registered``.
-
-    The residual has to be below `SHARE_REGISTERED` times ``first``, the residual without motion. It
-    also has to be below `RESIDUAL_REGISTERED`; functions with nothing in common have a residual of
-    1.
-    """
+    """Return whether a residual is small enough, compared with ``first``, that without motion."""
     return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
 

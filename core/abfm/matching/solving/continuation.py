@@ -134,7 +134,7 @@ def solve(energy: MatchingEnergy, record: Record) -> Solution:
 
 
 def init(energy: MatchingEnergy, record: Record) -> State:
-    """Return the first state: it continues a usable start of the problem, or it searches."""
+    """Return the first state: it continues a usable start of the problem, or begins a search."""
     p, levels, start = energy.parameters, Levels.of_mesh(energy), initial_fields(energy)
     at_rest = [(np.zeros(energy.shape), energy.terms.sources)]
     variant, schedule = Variant(p.alpha, energy.shape[0]), _schedule(levels)
@@ -362,7 +362,7 @@ def _end(state: State) -> int:
 
 
 def _search(state: State) -> State:
-    """Plan a path with the next variant, or select the best path.
+    """Plan a path with the next variant (alpha, number of fields), or select the best path.
 
     A path is selected if all variants were tried, or if the latest residual is small enough.
     """

@@ -41,11 +41,7 @@ class Stage:
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
-        """Return whether this stage can reuse the curvature of the energy in the stage before.
-
-        Level, fields, reach and alpha have to be the same. Stages with a fixed number of iterations
-        also require the same sigma.
-        """
+        """Return whether this stage can reuse the energy's curvature in the stage before."""
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)

@@ -313,11 +313,7 @@ def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | Non
 def checked_weights(
     values: ArrayLike | None, count: int, name: str, each: str, may_be_zero: bool = False
 ) -> FloatArray:
-    """Return checked weights (n,), by default 1.
-
-    Raise ParameterError if they are invalid. ``name`` and ``each``, the name of a weighted object,
-    appear in the message.
-    """
+    """Return checked weights (n,), by default 1; ``each`` names a weighted object in messages."""
     if values is None:
         return np.ones(count)
     array = real_numbers(values, name, ParameterError).copy()
