@@ -201,7 +201,7 @@ def _rows(report: Report) -> list[tuple[str, str]]:
         ratio = _number(ratios["iterations_finest_to_coarsest"][key])
         rows += [
             (f"iterations to mismatch {level}, {name} (vertices)", counts),
-            (f"the same, finest / coarsest mesh, {name}", ratio),
+            (f"iterations, finest / coarsest mesh, {name}", ratio),
         ]
     for size, energies in report["energy_after_iterations"].items():
         what = f"energy at {size} vertices after (iterations), constant sigma"

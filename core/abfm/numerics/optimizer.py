@@ -85,7 +85,7 @@ class LBFGS(Generic[Point]):
     evaluate: Callable[[FloatArray], Point]
     precondition: Callable[[FloatArray], FloatArray] | None = None
     memory: int = 10  # number of stored pairs
-    # measures a step in the units of `step_size_max`
+    # returns the size of a step, in the unit of `step_size_max`
     size: Callable[[FloatArray], float] = lambda step: float(np.abs(step).max())
     step_size_max: float = np.inf
     tolerance: float = 1e-6  # converged if the gradient norm falls to this share of the first one

@@ -472,7 +472,8 @@ def _refinement(state: State) -> State:
     except AbfmError:  # there are faces without area, or a term cannot be subdivided
         return done
     coarse, fine = (level.energy.functions for level in levels.all[-2:])
-    if not is_requested and not narrowest(fine) > narrowest(coarse):  # jumps remain unresolved
+    # a finer mesh does not resolve jumps
+    if not is_requested and not narrowest(fine) > narrowest(coarse):
         return done
     levels, result = levels.clustered(), state.path[_end(state)]
     progress, first = state.progress, levels.cheapest(len(levels) - 1)

@@ -51,7 +51,7 @@ class ContinuationSettings:
     coarsening_factor_min: float = 3.0
     # least number of edges that features span on a coarser mesh, which would distort narrower ones
     feature_edges_min: float = 3.0
-    # cost of iterations without clusters, relative to those with clusters
+    # largest cost of iterations without clusters, relative to those with them
     cluster_cost_max: float = 2.0
     # least number of iterations without clusters
     exact_iterations_min: int = 2
