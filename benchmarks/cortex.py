@@ -214,7 +214,7 @@ def masks(template: Hemisphere) -> dict[str, BoolArray | None]:
 
 
 def score_rows(subject: Hemisphere, template: Hemisphere) -> Iterator[Cells]:
-    """Yield a row for each mask: held-out scores of the last steps, the selected one in bold."""
+    """Yield a row for each mask: scores of the last steps, the selected one in bold."""
     for name, mask in masks(template).items():
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask

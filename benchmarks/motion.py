@@ -75,7 +75,7 @@ class KnownMotion:
         return np.asarray(speeds > _SPEED_MIN * root_mean_square(self.mesh, self.field))
 
     def is_determined(self, frame: int) -> BoolArray:
-        """Return a mask (F,) of faces with enough slope of the frame and speed of the field."""
+        """Return a mask (F,) of faces where the slope of the frame and the speed are large."""
         slope = slopes(self.mesh, self.frames[frame])
         usual = root_mean_square(self.mesh, slope)
         return np.asarray((np.linalg.norm(slope, axis=1) > _SLOPE_MIN * usual) & self._is_moving)

@@ -105,7 +105,7 @@ def adjacency(mesh: TriangleMesh) -> Matrix:
 
 @per_mesh
 def edge_graph(mesh: TriangleMesh) -> Matrix:
-    """Return the matrix (V, V) of edge lengths, each at (first vertex, second vertex) only."""
+    """Return a matrix (V, V) with the length of each edge, in one direction only."""
     shape = (len(mesh.vertices),) * 2
     return Matrix((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
 
@@ -132,7 +132,10 @@ def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
 
 
 def _face_operator(mesh: TriangleMesh, values: FloatArray, columns: IntArray, width: int) -> Matrix:
-    """Return a matrix (2F, width); ``values[f, c, k]`` is at (``2 f + k``, ``columns[f, c]``)."""
+    """Return the matrix (2F, width) with ``values[f, c, k]`` at row ``2 f + k``.
+
+    The column of this entry is ``columns[f, c]``.
+    """
     height = 2 * len(mesh.faces)
     rows = np.broadcast_to(np.arange(height).reshape(-1, 1, 2), values.shape)
     entries = (rows.ravel(), np.broadcast_to(columns[..., None], values.shape).ravel())

@@ -296,7 +296,7 @@ def advection_example(flow: Flow, name: str, source: str, target: str) -> Exampl
 
 
 def affordable_iterations(mesh: TriangleMesh, iterations_max: int) -> int:
-    """Return the iterations, at least 60, that take about 30 s with three functions."""
+    """Return a number of iterations, from 60 up, that takes about 30 s with three functions."""
     return min(max(1_230_000 // len(mesh.vertices), 60), iterations_max)
 
 

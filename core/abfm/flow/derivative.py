@@ -98,7 +98,7 @@ class DerivativePattern:
         return out
 
     def add_chain_rule(self, entries: FloatArray, out: FloatArray) -> None:
-        """Add derivatives by v to ``out`` (F, 2), from those by the entries of ``D_v`` (G, 7)."""
+        """Add to ``out`` (F, 2) the derivatives by v, computed from those by the entries (G, 7)."""
         assemble_transposed(self.assembly, entries.ravel(), out)
 
 
@@ -203,7 +203,7 @@ def assemble(assembly: Assembly, v: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def assemble_transposed(assembly: Assembly, entries: FloatArray, out: FloatArray) -> None:
-    """Add derivatives by v to ``out`` (F, 2), from derivatives by the entries of ``D_v``."""
+    """Add to ``out`` (F, 2) the derivatives by v, computed from those by the entries."""
     faces, positions, slopes, inverse_areas = assembly
     for f in range(faces.shape[0]):
         for b in range(3):

@@ -111,8 +111,8 @@ def parameter_inputs(
 ) -> tuple[Input, ...]:
     """Return one input for each parameter of a match.
 
-    ``defaults`` has the defaults by name; None is a default that the solver chooses, or "auto".
-    ``help`` has texts by name that replace the usual help.
+    ``defaults`` has the defaults by name; the solver chooses a default that is None, written
+    "auto". ``help`` has texts by name that replace the usual help.
     """
     inputs = []
     for name, value in (defaults or Parameters().to_dict()).items():

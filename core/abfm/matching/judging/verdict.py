@@ -148,7 +148,7 @@ class Evidence:
 
 
 def is_registered(residual: float, first: float) -> bool:
-    """Return whether a residual is small enough, compared with ``first``, that without motion."""
+    """Return whether a residual is small enough compared with ``first``, that without motion."""
     return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
 

@@ -213,7 +213,7 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the mesh of ``level``; it has clusters of vertices, if any."""
+        """Return the first level on the mesh of ``level``, with clusters of vertices if it has any."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
@@ -287,7 +287,10 @@ class Levels:
         return replace(self, all=(*self.all[:-1], coarse, finer))
 
     def clustered(self) -> "Levels":
-        """Return the levels; precede the last one by a copy with clusters of vertices if useful."""
+        """Return the levels, with a copy of the last one with clusters of vertices before it.
+
+        The levels do not change if clusters are not useful, or if the parameters exclude them.
+        """
         return replace(self, all=(*self.all[:-1], *_of_mesh(self.all[-1].energy)))
 
 
