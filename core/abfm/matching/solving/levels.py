@@ -213,7 +213,7 @@ class Levels:
         return self.all[level]
 
     def cheapest(self, level: int) -> int:
-        """Return the first level on the mesh of ``level``, with clusters of vertices if it has any."""
+        """Return the first level on the mesh of ``level``; it has clusters of vertices, if any."""
         return level - (self[level].cheaper is not None)
 
     def exact(self, level: int) -> int:
