@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -103,7 +104,7 @@ class MatchDocument(Document):
     def mask_function(self) -> Function:
         return Function(self.surface("target"), self.mask)
 
-    @property
+    @cached_property
     def functions(self) -> tuple[Function, ...]:
         found = [self.function(side, channel) for channel in self.channels for side in SIDES]
         return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))

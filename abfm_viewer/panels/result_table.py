@@ -15,7 +15,7 @@ from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.result_tables import Tables
 from abfm_viewer.widgets.containers import window
-from abfm_viewer.widgets.toolkit import TextTone, Ui, pushed
+from abfm_viewer.widgets.toolkit import Pushed, TextTone, Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _COMPARISON_TIPS: dict[ComparisonKind, str] = {
@@ -204,7 +204,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
         imgui.TableSetColumnIndex(place)
         if column == "reason":
             width = float(imgui.GetContentRegionAvail()[0])
-        with pushed({imgui.ImGuiCol_Text: ui.colors.muted}):
+        with Pushed({imgui.ImGuiCol_Text: ui.colors.muted}):
             imgui.TableHeader(head)
         clicked = imgui.IsItemClicked(0) and ui.record.enabled
         is_sorted = column == tables.column
@@ -304,5 +304,5 @@ def _draw_row(
         if column == "reason":
             ui.note(text, "ink")
             continue
-        with pushed({imgui.ImGuiCol_Text: color}):
+        with Pushed({imgui.ImGuiCol_Text: color}):
             imgui.TextUnformatted(ui.fitted(text, room))

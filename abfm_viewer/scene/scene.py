@@ -86,12 +86,16 @@ class Scene:
         has_fronts = all(front is not None for front in fronts)
         # nothing is shown until the front is known, because the surfaces would then turn
         names = view.shown_surfaces if has_fronts else ()
-        self._register({name: self.mesh(name) for name in names})
+        paints = {name: self.painter.paint(name) for name in names}
+        own = {name: session.surface(name).mesh for name in names}  # values may be on a finer one
+        self._register(
+            {name: (paint and paint.mesh) or own[name] for name, paint in paints.items()}
+        )
         if not has_fronts:
             return
         self._update_views(rect)
         self._restyle()
-        overlays_wait = self._paint()
+        overlays_wait = self._paint(paints)
         earlier, self._document = self._document, session.document
         # changes by the user are drawn without a wait
         self._changed = self._changed or earlier is not session.document
@@ -102,16 +106,11 @@ class Scene:
             self._changed = False
         self._place()
 
-    def mesh(self, name: str) -> TriangleMesh:
-        """Return the mesh on which a surface is drawn: its own, or a finer one of its values."""
-        paint = self.painter.paint(name)
-        return (paint and paint.mesh) or self._session.surface(name).mesh
-
-    def _paint(self) -> bool:
+    def _paint(self, paints: Mapping[str, Paint | None]) -> bool:
         """Paint the shown surfaces; return whether the advected one keeps its earlier colours."""
         advected_waits = False
         for name in self.shown:
-            paint, before = self.painter.paint(name), self.paints.get(name)
+            paint, before = paints[name], self.paints.get(name)
             waits = before is not None and self.pacing.waits(name, name == self.shown[0])
             advected_waits = advected_waits or (waits and name == "advected")
             if paint is None or waits:

@@ -10,7 +10,7 @@ from typing import Literal
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.widgets.toolkit import Ui, close_by_escape, pushed
+from abfm_viewer.widgets.toolkit import Pushed, Ui, close_by_escape
 from abfm_viewer.widgets.widget_record import Rect
 
 Fits = Literal["exactly", "at most", "at least"]
@@ -64,7 +64,7 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
     display = imgui.GetIO().DisplaySize
     imgui.SetNextWindowPos((0, 0))
     imgui.SetNextWindowSize(tuple(display))
-    with pushed({imgui.ImGuiCol_WindowBg: (0, 0, 0, 0.35)}):
+    with Pushed({imgui.ImGuiCol_WindowBg: (0, 0, 0, 0.35)}):
         imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
         imgui.End()
     size = (min(ui.px(width), 0.96 * display[0]), min(ui.px(height), 0.92 * display[1]))
@@ -97,7 +97,7 @@ def card(
         imgui.ImGuiStyleVar_WindowBorderSize: border,
         imgui.ImGuiStyleVar_WindowRounding: rounding,
     }
-    with pushed({imgui.ImGuiCol_Border: color}, sizes):
+    with Pushed({imgui.ImGuiCol_Border: color}, sizes):
         imgui.Begin(f"{name}##card", _CARD)
     with _ended(ui, imgui.End), ui.group(name):
         yield
@@ -143,7 +143,7 @@ def _keep_scroll(ui: Ui, name: str) -> None:
 def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
     is_open = ui.open_sections.setdefault(label, opened)
     imgui.SetNextItemOpen(is_open, imgui.ImGuiCond_Always)
-    with pushed({imgui.ImGuiCol_Text: ui.colors.ink}):
+    with Pushed({imgui.ImGuiCol_Text: ui.colors.ink}):
         now_open = imgui.CollapsingHeader(label)
     ui.record_item(label, "section", text="open" if now_open else "closed")
     ui.open_sections[label] = now_open
@@ -173,7 +173,7 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
                 imgui.ImGuiCol_Button: colors.pressed if is_open else colors.panel,
                 imgui.ImGuiCol_Text: colors.ink if is_open else colors.muted,
             }
-            with pushed(colors_of_tab, no_padding):
+            with Pushed(colors_of_tab, no_padding):
                 clicked = imgui.Button(label, (width + max(padding, ui.px(2)), 0))
             (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
             line = imgui.GetColorU32(colors.accent if is_open else colors.border)

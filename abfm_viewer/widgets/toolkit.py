@@ -32,6 +32,9 @@ _CAPTION_SHARE_MAX = 0.45  # of the panel's width
 _CAPTION_PANEL_MIN = 280  # narrower panels have captions above the widgets
 _PAIR_PANEL_MIN = 300  # narrower panels have one widget in a line
 _BOX_WIDTH = 76  # of the box next to a slider
+# flags of ImGui; to combine them in every frame takes longer than to draw some widgets
+_TIP_FLAGS = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
+_SLIDER_FLAGS = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
 
 
 class Auto(NamedTuple):
@@ -135,11 +138,13 @@ class Ui:
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
         """Draw the widgets of the block as disabled if ``condition``; behind a dialog, paler."""
+        if not condition:
+            yield
+            return
         style = imgui.GetStyle()
-        paler = condition and not self.record.enabled
-        alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
-        with pushed({}, {imgui.ImGuiStyleVar_Alpha: alpha}), self.record.disabled(condition):
-            imgui.BeginDisabled(condition)
+        alpha = style.Alpha * (1.0 if self.record.enabled else style.DisabledAlpha)
+        with Pushed({}, {imgui.ImGuiStyleVar_Alpha: alpha}), self.record.disabled():
+            imgui.BeginDisabled()
             try:
                 yield
             finally:
@@ -234,9 +239,9 @@ class Ui:
         Disabled widgets have tooltips as well. During a drag, and after a click until the mouse
         moves, no tooltip is shown. With ``above`` it is shown above the widget.
         """
-        flags = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
-        busy = self._clicked_at is not None or imgui.IsMouseDown(0)
-        if not text or busy or not imgui.IsItemHovered(flags):
+        if not text or self._clicked_at is not None or imgui.IsMouseDown(0):
+            return
+        if not imgui.IsItemHovered(_TIP_FLAGS):
             return
         if above:
             place = imgui.GetMousePos()[0], imgui.GetItemRectMin()[1] - self.px(6)
@@ -253,8 +258,9 @@ class Ui:
             self.note(reason, "failure")
 
     def _write(self, text: str, color: Color) -> None:
-        with pushed({imgui.ImGuiCol_Text: color}):
-            imgui.TextUnformatted(text)
+        imgui.PushStyleColor(imgui.ImGuiCol_Text, color)
+        imgui.TextUnformatted(text)
+        imgui.PopStyleColor(1)
 
     def button(
         self,
@@ -285,7 +291,7 @@ class Ui:
             imgui.ImGuiCol_Text: ink.accent_ink,
         }
         with self.disabled(not enabled):
-            with pushed(
+            with Pushed(
                 colors if primary else {}, {imgui.ImGuiStyleVar_FramePadding: (padding, down)}
             ):
                 pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
@@ -379,7 +385,7 @@ class Ui:
         self.same_line()
         taken = imgui.GetCursorPosX() - left
         row = _WidgetRow(width - taken, caption, AUTO if is_auto else "")
-        with pushed({imgui.ImGuiCol_SliderGrab: self.colors.muted} if is_auto else {}):
+        with Pushed({imgui.ImGuiCol_SliderGrab: self.colors.muted} if is_auto else {}):
             shown = auto.first if value is None else value
             new = self._slider_and_box(label, row, shown, ends, tip)
         if ticked != is_auto:
@@ -430,9 +436,8 @@ class Ui:
     ) -> float | None:
         """Draw a slider, without a number, in ImGui's next width; return a new value or None."""
         text, name = _text_and_name(label)
-        flags = imgui.ImGuiSliderFlags_NoInput | imgui.ImGuiSliderFlags_NoRoundToFormat
         share = ends.share_of(ends.nearest(value))
-        changed, share = imgui.SliderFloat(f"##{text} slider", share, 0.0, 1.0, "", flags)
+        changed, share = imgui.SliderFloat(f"##{text} slider", share, 0.0, 1.0, "", _SLIDER_FLAGS)
         grab, written = imgui.GetStyle().GrabMinSize, f"{value:.6g}"
         self.record_item(text, "slider", ends=ends, grab=grab, text=written, name=name, tip=tip)
         self.tip(tip, above=tip_above)
@@ -516,7 +521,7 @@ class Ui:
     def _outlined(self) -> Iterator[None]:
         """Draw the widgets of the block with an outline, which makes checkboxes visible."""
         edge = {imgui.ImGuiCol_Border: (*self.colors.muted[:3], 0.7)}
-        with pushed(edge, {imgui.ImGuiStyleVar_FrameBorderSize: max(1.0, self.scale)}):
+        with Pushed(edge, {imgui.ImGuiStyleVar_FrameBorderSize: max(1.0, self.scale)}):
             yield
 
     def _fitted_next_to_box(self, label: str) -> str:
@@ -552,20 +557,25 @@ class Ui:
             self.line(label, "ink", tip, room)
 
 
-@contextmanager
-def pushed(
-    colors: Mapping[int, Color], variables: Mapping[int, float | tuple[float, float]] | None = None
-) -> Iterator[None]:
-    """Draw the block with other colours and style variables of ImGui."""
-    for index, color in colors.items():
-        imgui.PushStyleColor(index, color)
-    for index, value in (variables or {}).items():
-        imgui.PushStyleVar(index, value)
-    try:
-        yield
-    finally:
-        imgui.PopStyleVar(len(variables or {}))
-        imgui.PopStyleColor(len(colors))
+class Pushed:
+    """A context manager that draws its block with other colours and style variables of ImGui."""
+
+    def __init__(
+        self,
+        colors: Mapping[int, Color],
+        variables: Mapping[int, float | tuple[float, float]] | None = None,
+    ) -> None:
+        self._colors, self._variables = colors, variables or {}
+
+    def __enter__(self) -> None:
+        for index, color in self._colors.items():
+            imgui.PushStyleColor(index, color)
+        for index, value in self._variables.items():
+            imgui.PushStyleVar(index, value)
+
+    def __exit__(self, *error: object) -> None:
+        imgui.PopStyleVar(len(self._variables))
+        imgui.PopStyleColor(len(self._colors))
 
 
 def close_by_escape() -> None:

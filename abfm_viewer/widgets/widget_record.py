@@ -118,12 +118,12 @@ class WidgetRecord:
             self._sections, self.areas = sections, areas
 
     @contextmanager
-    def disabled(self, condition: bool) -> Iterator[None]:
-        self._disabled += condition
+    def disabled(self) -> Iterator[None]:
+        self._disabled += 1
         try:
             yield
         finally:
-            self._disabled -= condition
+            self._disabled -= 1
 
     def add(
         self, label: str, kind: WidgetKind, rect: Rect, enabled: bool = True, **details: Any
