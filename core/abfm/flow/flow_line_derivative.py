@@ -288,7 +288,7 @@ def follow(
             squared = 4 * (seen[0] ** 2 + seen[1] ** 2)
             if not slid or squared == 0.0:
                 by_halfway[:] = step * turn.T
-                way = product(by_halfway, np.array([[r], [s]]))[:, 0]
+                way = product(by_halfway, np.array([[r], [s]]))[:, 0].copy()
             else:  # the point slid along the boundary; scale by the ratio of the speeds
                 inner = 2 * step * (seen[0] * r + seen[1] * s)
                 ratio = max(inner / squared, 0.0)
