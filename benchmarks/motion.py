@@ -28,7 +28,8 @@ HEADINGS = ("noise", "edges", *error_headings("Horn-Schunck", "frame by frame", 
 """Headings of the cells of `known_cells`, except that of the first cell, the kind of motion."""
 
 _GAMMAS = (0.0, 1.0)  # coupling in time; 0 solves each interval separately
-# Errors are measured only on faces that exceed these ratios to the root mean square.
+# Errors are measured only on faces whose slope and speed exceed these multiples of their root mean
+# square.
 _SLOPE_MIN = 0.5
 _SPEED_MIN = 0.2
 

@@ -44,7 +44,7 @@ HEADINGS = (
     "order, alpha, sigma",
 )
 
-_FIELD_WAVELENGTH = 24.0  # mean edges
+_FIELD_WAVELENGTH = 24.0  # in mean edge lengths
 _WAVE_COUNT = 40
 _TRACER_STEPS = 8
 _NOISE_SEED = 5

@@ -23,7 +23,8 @@ EXACT_VERTICES_MAX = 6_000
 
 It takes about a second there, and 30 times as long at four times as many vertices.
 """
-_EXACT_HEIGHT_MIN = 1e-3  # over a face's longest edge; the exact algorithm may not end below 1e-4
+# least height of a face over its longest edge; below 1e-4 the exact algorithm may not end
+_EXACT_HEIGHT_MIN = 1e-3
 # memory to require; factoring takes 2,700 bytes per vertex at 2,600 vertices, 4,100 at 164,000
 _BYTES_PER_VERTEX = 6_000
 

@@ -95,7 +95,7 @@ def figure_5(setup: FigureSetup) -> Script:
 
 
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
-    """Return the relative L2 difference of fields, scaled to the same norm and sign."""
+    """Return the relative L2 difference of ``u`` and ``exact``, scaled to one norm and sign."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
 

@@ -20,7 +20,7 @@ class LinearisedFlow:
     D_v)``.
     """
 
-    rho = 0.0  # a step is one product, whatever its length
+    rho = 0.0  # no bound of ``D_v`` is needed, as each step is one product
 
     def __init__(self, pattern: DerivativePattern, v: FloatArray) -> None:
         self.pattern, self.values = pattern, pattern.values(v)

@@ -29,7 +29,7 @@ _EXTREMA_MAX = 20
 # edges per width of a feature. With fewer, advection over half of sqrt(area) has errors of
 # several percent.
 RESOLUTION_MIN = 5.0
-_VARIATION_SHARE = 0.75  # share on edges with smaller changes, see `resolution`
+_VARIATION_SHARE = 0.75  # share of variation on edges with smaller changes, see `resolution`
 # a source has vanished if its standard deviation is below this share of the original one. Among 18
 # matches of Gaussians, those with a final mismatch of 1 had a share below 0.01, others above 0.4.
 _DEVIATION_SHARE = 0.2

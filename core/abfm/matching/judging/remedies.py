@@ -11,7 +11,7 @@ from abfm.parameters import ALPHA_MAX, COUNT_MAX, REFINE_MAX, VALUE_MIN, Paramet
 
 _DEFAULTS = Parameters()
 _PARAMETER_FACTOR = 3.0  # ratio of the present and the suggested value of a parameter
-_SIGMA_FACTOR = 10.0  # this ratio for sigma, if the source did not move to the target
+_SIGMA_FACTOR = 10.0  # ratio for sigma, if the source did not move to the target
 _ITERATIONS_FACTOR = 4
 _LARGE_ALPHA_FACTOR = 10.0  # an alpha above this multiple of its default is reduced
 # the search for a distant target needs a reach, and the defaults of these parameters

@@ -253,8 +253,8 @@ class Levels:
     def with_coarser(self) -> "Levels":
         """Return the levels preceded by levels on coarser meshes.
 
-        Their number is the parameter ``levels``. If this is 0, it depends on the size of the mesh
-        and on the width of the features.
+        The number of meshes is the parameter ``levels``. If this is 0, it depends on the size of
+        the mesh and on the width of the features.
         """
         found, first = list(self.all), self[0].energy
         size, least = len(first.mesh.vertices), SETTINGS.feature_edges_min
