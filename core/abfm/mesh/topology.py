@@ -47,7 +47,7 @@ def _sorted_with_places(keys: IntArray, above: int) -> tuple[IntArray, IntArray]
 
 
 def edge_slots(face_edges: IntArray, edge_count: int) -> IntArray:
-    """Return the two slots of each edge, (E, 2), smaller one first.
+    """Return the two slots of each edge (corners opposite to it), (E, 2), smaller one first.
 
     On the boundary the second is -1.
     """

@@ -156,7 +156,7 @@ def _noise(functions: FunctionTerm) -> str:
 
 
 def _unexplained(functions: FunctionTerm, levels: FloatArray, measures: IntervalMeasures) -> Cause:
-    """Return the cause why a field explains little of the change between frames.
+    """Return the reason why a field explains little of the change between frames.
 
     The change is not a motion only if both checks explain little and the mesh resolves the
     functions.
