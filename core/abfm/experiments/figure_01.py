@@ -54,7 +54,7 @@ def figure_3(setup: FigureSetup) -> Script:
 def match_one_to_two(
     setup: FigureSetup, mesh: TriangleMesh, name: str, p: Parameters, ends: tuple[int, ...]
 ) -> Script:
-    """Match a Gaussian at the first vertex of ``ends`` to two of the same mass at the others."""
+    """Match a Gaussian at the first vertex of ``ends`` to two of equal total mass at the others."""
     centre, *targets = ends
     areas = vertex_areas(mesh)
     from_source, *from_targets = (

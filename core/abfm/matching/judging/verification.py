@@ -59,7 +59,7 @@ class Verification:
 
     @property
     def checks_disagree(self) -> bool:
-        """Whether `flow_lines` and `subdivided` differ by more than 0.05 and a factor of 2.
+        """Whether ``flow_lines`` and ``subdivided`` differ by more than 0.05 and a factor of 2.
 
         This is typical of rough fields.
         """
