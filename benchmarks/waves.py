@@ -76,10 +76,7 @@ class Case(NamedTuple):
     noise: float
 
     def errors(self) -> FloatArray:
-        """Return the errors (3, 2) of three methods, with columns for the angle and the speed.
-
-        The methods are Horn-Schunck, and sequences with separate and with coupled intervals.
-        """
+        """Return the errors (3, 2) of Horn-Schunck, and of separate and coupled intervals."""
         moving = wave(_mesh(self.surface), self.kind, self.displacement)
         return compared(sequences(moving.mesh, moving.noisy(self.noise)), moving.errors)
 

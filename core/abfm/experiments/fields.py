@@ -30,10 +30,7 @@ def sizes_text(levels: Sequence[Case]) -> str:
 
 
 def field_example(case: Case, name: str) -> Example:
-    """Return the example of a case: a Gaussian, advected along the field ``v`` until t = 1.
-
-    The centre of the Gaussian is the vertex where the field is fastest.
-    """
+    """Return an example: a Gaussian where ``v`` is fastest, advected until t = 1."""
     fastest = int(np.argmax(speed(case.mesh, case.v)))
     source = gaussian(case.mesh, fastest, 0.1)
     return advection_example(Flow(case.mesh, case.v), name, source, "file:advected.npy")

@@ -175,7 +175,7 @@ def on_any(mesh: TriangleMesh, name: str) -> Case:
     """Return a mesh with two rotated gradients of eigenfunctions as fields.
 
     The first field has the highest tried speed for which the pushforward of the second field is
-    stable. It may be unstable on thin and folded faces. Raise a MeshError if no speed is stable.
+    stable. Raise a MeshError if no speed is stable.
     """
     stirring_field = [fields.stirring_field(mesh, k, 1.0) for k in (1, 2, 3)]
     for speed in _SPEEDS:

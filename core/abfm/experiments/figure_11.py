@@ -274,10 +274,7 @@ class Poses:
         return cls(a, b, name, description, start, functional_map(truth, modes))
 
     def example(self, row: TableRow, axes: list[int], small: bool) -> Example:
-        """Return the match, on B, of the coordinates of A with the indices ``axes``.
-
-        The parameters are those of a row of Table 1. If ``small``, there are fewer iterations.
-        """
+        """Return the match, on B, of the coordinates of A with the indices ``axes``."""
         places = coordinates(self.a)
         source = self.start.pull_back(places)[:, axes]
         target = transfer(self.a, self.b, self.true_map, places)[:, axes]

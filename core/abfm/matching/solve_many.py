@@ -117,7 +117,6 @@ def _mesh(content: bytes) -> TriangleMesh:
 
 
 def _solve(task: _Task) -> Parcel:
-    """Solve a problem in a worker and return its match without meshes."""
     meshes = {name: _mesh(content) for name, content in task.problem.values.items()}
     problem, _ = task.problem._replace(values={}).unpack(meshes)
     control, checked = Control(), time.monotonic()
