@@ -158,12 +158,8 @@ def test_ambiguous_rotations_give_a_warning():
     found = prepare(BALL, EVEN_BALL, *heights, initial="sphere")
     assert len(found.warnings) == 1
     assert not any("rotation" in note for note in found.notes)
-    vertices = np.stack([[3, 5, 8]] * 2, axis=1)
-    assert not initial_map("sphere", MapInput(BALL, BALL, landmarks=_landmarks(vertices))).warnings
-
-
-def _landmarks(pairs):
-    return Landmarks.of_vertices(BALL, BALL, pairs[:, 0], pairs[:, 1])
+    landmarks = Landmarks.of_vertices(BALL, BALL, [3, 5, 8], [3, 5, 8])
+    assert not initial_map("sphere", MapInput(BALL, BALL, landmarks=landmarks)).warnings
 
 
 def test_default_method_depends_on_the_input():

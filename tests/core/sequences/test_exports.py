@@ -245,16 +245,12 @@ def test_intervals_table_has_verdicts(tmp_path):
 
 def test_unsolved_intervals_have_empty_cells(tmp_path):
     control = abfm.workers.Control()
-    stop = {"on_interval": cancelled_by(control), "control": control}
+    stop = {"on_interval": lambda _: control.cancel(), "control": control}
     found = abfm.sequence(MESH, rotating_frames(), TIMES, solved().parameters, 0.0, **stop)
     export_intervals(tmp_path / "i.csv", found)
     rows = table(tmp_path / "i.csv")
     assert [row["by_flow_lines"] == "" for row in rows] == [False, True, True, True]
     assert [row["verdict"] for row in rows[1:]] == 3 * ["not reached"]
-
-
-def cancelled_by(control):
-    return lambda _: control.cancel()
 
 
 def test_unwritable_exports_are_refused(tmp_path):

@@ -65,10 +65,6 @@ def is_copied(state):
     return max(copy.stat().st_mtime_ns for copy in copies) > marker.stat().st_mtime_ns
 
 
-def ready(session):
-    return not session.obstacle
-
-
 def stored_fields(state):
     """Return the number of stored fields of a sequence next to an existing copy."""
     with suppress(ValueError, OSError):
@@ -107,7 +103,7 @@ def test_killed_match_is_recovered(tmp_path):
         assert gui.session.document.runs
         assert result.velocity.any()
         assert result.stop_reason == "cancelled"
-        gui.wait(ready)  # the button is disabled until then
+        gui.wait(lambda s: not s.obstacle)  # the button is disabled until then
         gui.click("Continue", within="verdict")
         gui.wait(lambda s: s.matching.snapshot is not None)
         assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual

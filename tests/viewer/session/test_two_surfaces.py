@@ -22,7 +22,7 @@ SHORT_RUN = Parameters.of(iterations=5, refine=0, cooling_stages=1)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _one_process_for_one_session_after_the_other():
+def _reused_processes():
     with reused_processes():
         yield
 

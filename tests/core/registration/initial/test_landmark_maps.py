@@ -31,13 +31,10 @@ def test_moved_body_is_found_by_closest_points():
     landmarks = Landmarks.of_vertices(a, b, TIPS[:4], nearest)
     points = initial_map("landmarks", MapInput(a, b, landmarks=landmarks)).correspondence.points
     truth = PointMap.project(b, BODY, b.vertices)
-    gaps = np.linalg.norm(points.positions - moved_points(truth.positions), axis=1)
+    turned = Rotation.from_rotvec([2, 1, -1]).apply(truth.positions.copy())
+    gaps = np.linalg.norm(points.positions - 4 * turned, axis=1)
     assert gaps.mean() < 0.02 * a.length_scale
     assert np.isin(points.barycentric, [0, 1]).all(axis=1).mean() < 0.5
-
-
-def moved_points(points):
-    return 4 * Rotation.from_rotvec([2, 1, -1]).apply(points.copy())
 
 
 def test_poses_are_found_by_eigenfunctions():
