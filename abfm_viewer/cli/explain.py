@@ -3,11 +3,14 @@
 import argparse
 import shutil
 import textwrap
+from pathlib import Path
 
 from abfm import troubleshooting
+from abfm.errors import printable
 from abfm.outcome import Facts, Outcome
 from abfm.wording import capital
 from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import UsageError
 
 SUMMARY = "explain an outcome, a cause or a warning"
 DESCRIPTION = """\
@@ -27,6 +30,8 @@ def add_arguments(parser: options.Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if files := [printable(name) for name in arguments.names if Path(name).suffix]:
+        raise UsageError(f"{files[0]} is a file; abfm info {files[0]} prints the names to explain")
     joined = " ".join(arguments.names)  # a name of several words without hyphens
     is_one = troubleshooting.slug(joined) in map(troubleshooting.slug, troubleshooting.names())
     texts = [_explanation(name) for name in ([joined] if is_one else arguments.names)]

@@ -38,7 +38,7 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
     A terminal shows a bar. Elsewhere one line is printed per tenth of a counted step, and per ten
     iterations. A warning that persists is printed once, even if ``quiet``.
     """
-    printed = "", 0  # the step printed last, and its finished tenths
+    latest, printed = "", dict[str, int]()  # the latest step; finished tenths of counted steps
     warned = 0  # consecutive iterations with a warning
 
     def print_progress(completed: float, text: str, line: str) -> None:
@@ -46,18 +46,19 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
             print_line(line)
 
     def show(step: Step | None) -> None:
-        nonlocal printed
+        nonlocal latest
         if step is not None:
-            now = step.task, int(_TENTHS * (step.done or 0.0))
-            line = _line_of(step) if now != printed else ""
-            printed = now
+            tenths = int(_TENTHS * (step.done or 0.0))
+            is_new = step.task != latest if step.done is None else tenths != printed.get(step.task)
+            line = _line_of(step) if is_new else ""
+            latest, printed[step.task] = step.task, tenths
             update(completed=step.done or 0.0, text=step.text(), line=line)
 
     def report(partial: object) -> None:
         nonlocal warned
         if not isinstance(partial, Iteration):
             return
-        stage, residual = stage_text(partial), residual_text(partial)
+        stage, residual = stage_text(partial, "sigma"), residual_text(partial)
         text = f"iteration {partial.iteration}: {stage}, {residual}"
         line = "" if partial.iteration % _LINES_EVERY else text
         update(completed=0.0, text=text, line=line)
@@ -112,13 +113,13 @@ def row_progress(
     """Show progress; yield a function to call with a line of text for each finished row.
 
     If the ``count`` of rows is 0, they are not counted, and only terminals show progress. Steps
-    whose names begin with a word of ``reported`` are shown as well.
+    whose names begin with a word of ``reported`` are shown as well, without a number.
     """
     done = 0
 
-    def print_progress(completed: int, text: str) -> None:
+    def print_progress(completed: int, text: str, is_step: bool = False) -> None:
         if count:
-            print_line(f"{completed} of {count}: {text}")
+            print_line(text if is_step else f"{completed} of {count}: {text}")
 
     columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
     ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
@@ -128,7 +129,7 @@ def row_progress(
 
         def show(step: Step | None) -> None:
             if step and step.task.startswith(tuple(reported)):
-                update(completed=done, text=step.task)
+                update(completed=done, text=step.task, is_step=True)
 
         def report(text: str) -> None:
             nonlocal done

@@ -52,7 +52,7 @@ def refinement_text(match: abfm.Match) -> str:
     return found if match.refined else ""
 
 
-def stage_text(now: abfm.matching.Iteration) -> str:
-    """Return the stage of an iterate: ``mesh of 638 vertices, sigma 18, long-range search``."""
+def stage_text(now: abfm.matching.Iteration, sigma: str = "σ") -> str:
+    """Return the stage of an iterate: ``mesh of 638 vertices, σ 18, long-range search``."""
     search = f", {LONG_RANGE}" if now.reach else ""
-    return f"mesh of {now.vertices:,} vertices, sigma {now.sigma:.3g}{search}"
+    return f"mesh of {now.vertices:,} vertices, {sigma} {now.sigma:.3g}{search}"

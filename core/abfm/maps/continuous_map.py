@@ -32,7 +32,7 @@ from abfm.maps.star_moves import allocate_workspace
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
-from abfm.workers.progress import step
+from abfm.workers.progress import step, stepped
 
 # number of inserted vertices of B at which its sphere is rotated to fit the given map
 _ROTATED_VERTICES = 100
@@ -82,12 +82,11 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     targets = _with_loop_means(b, directions)
     positions = smoothed(b, points.positions / points.codomain.length_scale, _SMOOTHING_LENGTH)
     sphere_b = _pulled(points_b, faces_b, targets)
-    with step("reducing the distortion of the map", len(points_b)):
-        surface = build_surface(faces_a, len(points_a))
-        corners, neighbours = surface.faces.reshape(-1, 3), surface.twins.reshape(-1, 3)
-        codomain = Codomain(Faces(corners, neighbours, sphere_a, 1.0), points_a)
-        state = Embedding(points_b, build_surface(faces_b, len(points_b)), sphere_b)
-        _relax(state, codomain, _with_loop_means(b, positions))
+    surface = build_surface(faces_a, len(points_a))
+    corners, neighbours = surface.faces.reshape(-1, 3), surface.twins.reshape(-1, 3)
+    codomain = Codomain(Faces(corners, neighbours, sphere_a, 1.0), points_a)
+    state = Embedding(points_b, build_surface(faces_b, len(points_b)), sphere_b)
+    _relax(state, codomain, _with_loop_means(b, positions))
     check_embedded(sphere_b, faces_b)
     return sphere_a[: len(a.vertices)], sphere_b[: len(b.vertices)]
 
@@ -146,15 +145,16 @@ def _relax(state: Embedding, codomain: Codomain, targets: FloatArray) -> None:
     faces, weights = np.zeros(count, dtype=np.int64), areas / _LOOSE_DISTANCE**2
     image = Image(state, codomain, faces, np.zeros((count, 3)), targets, weights)
     relocate(image)
-    for rounds in np.repeat(_AVERAGING_ROUNDS_ON_A, _PULLS_ON_A).tolist():
-        checkpoint()
-        set_moves(image.places, targets, _MOVE_LENGTH_MAX_ON_A, active, pull.moves)
-        average(state.surface, rounds, active, pull, workspace.star)
-        push_to_sphere(image, pull.moves, workspace)
-        shift(state, active, pull, workspace)
-        relocate(image)
-        for _ in range(_SWEEPS_ON_A):
-            relax(image, workspace)
+    all_rounds = np.repeat(_AVERAGING_ROUNDS_ON_A, _PULLS_ON_A).tolist()
+    with stepped("reducing the distortion of the map", all_rounds) as remaining:
+        for rounds in remaining:
+            set_moves(image.places, targets, _MOVE_LENGTH_MAX_ON_A, active, pull.moves)
+            average(state.surface, rounds, active, pull, workspace.star)
+            push_to_sphere(image, pull.moves, workspace)
+            shift(state, active, pull, workspace)
+            relocate(image)
+            for _ in range(_SWEEPS_ON_A):
+                relax(image, workspace)
     weights *= (_LOOSE_DISTANCE / _TIGHT_DISTANCE) ** 2
     for _ in range(_FINAL_SWEEPS):
         checkpoint()

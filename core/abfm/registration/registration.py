@@ -19,6 +19,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.result import Match, match_of, match_parts, substitutes
+from abfm.matching.solving.record import StopReason
 from abfm.outcome import Facts, Outcome, WarningTopic, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.types import File, FloatArray
@@ -86,13 +87,14 @@ class Registration(Correspondence):
         """Residual of the functions by the complete map, which is the initial map and the flow.
 
         At each vertex of B, the function of B is compared with that of A at the corresponding
-        point. The unit is that of `Match.residual`. NaN if A's functions are unknown.
+        point. The unit is that of `Match.residual`. NaN if only landmarks were matched (see
+        `landmark_errors`), if A's functions are unknown, or if the map could not be measured.
         """
         return self._residual_by(self)
 
     @cached_property
     def initial_residual(self) -> float:
-        """Residual of the functions by the initial map alone; NaN if A's functions are unknown."""
+        """Residual of the functions by the initial map alone; NaN as for `residual`."""
         return self._residual_by(self.initial)
 
     def _residual_by(self, found: Correspondence) -> float:
@@ -178,6 +180,16 @@ class Registration(Correspondence):
             topics += (WarningTopic.FLIPPED_FACES,)
         numbers = {**facts.numbers, **known_numbers(of_map)}
         return replace(facts, numbers=numbers, warnings=warnings, topics=topics)
+
+    @property
+    def verified_residual(self) -> float:
+        """Residual along flow lines on B, see `Match.verified_residual`; NaN if unknown."""
+        return self.match.verified_residual
+
+    @property
+    def stop_reason(self) -> StopReason:
+        """The reason why the solver stopped."""
+        return self.match.stop_reason
 
     @property
     def landmark_errors(self) -> FloatArray | None:

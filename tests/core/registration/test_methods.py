@@ -43,6 +43,8 @@ def test_registration_by_landmarks_only(tmp_path):
     on_a, on_b = pairs()
     found = register(EVEN_BALL, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
+    assert np.isnan(found.residual)
+    assert found.verified_residual < 0.05
     check_message(found.verdict.reason)
     assert found.distortion().folded == 0
     off = found.transfer_points(on_a).distances_from(on_b.positions) / BALL.length_scale

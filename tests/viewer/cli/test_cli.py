@@ -283,6 +283,7 @@ def test_explain_lists_all_sections_and_refuses_others(abfm):
     assert re.findall(r"^[A-Z][a-z ]+$", two, re.MULTILINE) == ["Nearly", "Areas change"]
     assert abfm("explain not reached").out == abfm("explain not-reached").out
     check_names(abfm("explain outlyer", status=2).err, "outlyer", "outlier")
+    check_names(abfm("explain {eight}", status=2).err, "abfm info", MESHES["eight"])
 
 
 def test_advice_improves_the_match(tmp_path, abfm):

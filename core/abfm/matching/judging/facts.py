@@ -195,7 +195,7 @@ def distortion_warnings(outcome: Outcome, log2_area_95: float) -> dict[WarningTo
     if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return {}
     times = factor(log2_area_95)
-    warning = f"5% of the surface changes its area by a factor of {times} or more"
+    warning = f"5% of the area changes by a factor of {times} or more"
     return {WarningTopic.AREAS_CHANGE: warning}
 
 
