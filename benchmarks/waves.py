@@ -76,7 +76,10 @@ class Case(NamedTuple):
     noise: float
 
     def errors(self) -> FloatArray:
-        """Return the errors (3, 2) of Horn-Schunck, and of separate and coupled intervals."""
+        """Return the errors (3, 2) of angle and speed of three methods.
+
+        The methods are Horn-Schunck, and matches of separate and of coupled intervals.
+        """
         moving = wave(_mesh(self.surface), self.kind, self.displacement)
         return compared(sequences(moving.mesh, moving.noisy(self.noise)), moving.errors)
 

@@ -23,7 +23,7 @@ def gaussians(spec: str) -> list[functions.Gaussian]:
 
 
 def is_mapped(spec: str) -> bool:
-    """Return whether a vertex map moves the Gaussians of a spec away from their centres."""
+    """Return whether a spec permutes the vertices, so that its Gaussians peak at other vertices."""
     tree = functions.parse(spec)
     while isinstance(tree, functions.Scaled):
         tree = tree.function

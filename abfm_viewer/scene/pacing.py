@@ -59,7 +59,10 @@ class Pacing:
         return self._frames_behind != 0 and not session.dragging
 
     def count(self, is_new: bool, is_texture: bool) -> None:
-        """Record that the advected surface was drawn, and whether colours or streaks are new."""
+        """Record that the surface with the advected source was drawn.
+
+        ``is_new``: with new colours; ``is_texture``: with streaks along flow lines.
+        """
         if is_new and is_texture:
             self._textured_at = clock.perf_counter()
         started = self._session.solver.started

@@ -197,15 +197,15 @@ class Population(Display):
     @property
     def facts(self) -> Facts:
         """Outcome, headline, reason, advice and warnings of the population."""
-        advice = ""
+        advice, limit = "", f"{self.bound:g} of its standard deviation"
         if not all(self.digests):
             outcome, reason = Outcome.FAILED, "a subject could not be registered"
         elif self.changes[-1] <= self.bound:
             outcome = Outcome.REGISTERED
-            reason = f"the mean changed by at most {self.bound:g} in the last round"
+            reason = f"the mean changed by at most {limit} in the last round"
         else:
             outcome = Outcome.NOT_REACHED
-            reason = f"the mean changed by more than {self.bound:g} in the last round"
+            reason = f"the mean changed by more than {limit} in the last round"
             advice = "allow more rounds; they continue from these results"
         outliers = [
             f"excluded: {one_line(self.names[i])}: {self.reasons[i]}"
