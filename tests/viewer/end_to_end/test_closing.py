@@ -155,9 +155,9 @@ def leave_unsaved_work(folder):
 
 
 @contextmanager
-def next_launch(tmp_path):
+def next_launch(state):
     """Open the next launch, which shows a question about the copy."""
-    with Driver(icosphere(1), size=SIZE, state=tmp_path) as gui:
+    with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.wait(lambda _: gui.window.dialogs.has_question("Recover unsaved work?"))
         yield gui
         assert not gui.errors
