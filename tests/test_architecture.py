@@ -68,14 +68,15 @@ def installed(wheel, tmp_path_factory):
     (packages / "borrowed.pth").write_text(borrowed)
     (packages / "without_app.py").write_text(WITHOUT_APP)
     (packages / "without_app.pth").write_text("import without_app")
-    # copies numba's compiled code, which is valid for source files of the same time and size
-    for path in (ROOT / "core").rglob("*.*"):
-        there = packages / path.relative_to(ROOT / "core")
-        if path.suffix in {".nbi", ".nbc"}:
-            there.parent.mkdir(exist_ok=True)
-            shutil.copy(path, there)
-        elif path.suffix == ".py":
-            shutil.copystat(path, there)
+    # copies compiled code, which is valid for source files of the same time and size
+    for package in PACKAGES:
+        for path in package.rglob("*.*"):
+            there = packages / path.relative_to(package.parent)
+            if path.suffix in {".nbi", ".nbc", ".pyc"}:
+                there.parent.mkdir(exist_ok=True)
+                shutil.copy(path, there)
+            elif path.suffix == ".py":
+                shutil.copystat(path, there)
     alone = environment_without("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
 
     def run_installed(program, *words, **more):

@@ -1,4 +1,3 @@
-import doctest
 import inspect
 import json
 import pkgutil
@@ -114,12 +113,3 @@ def test_star_import_does_not_replace_modules():
         "'flow' in globals())"
     )
     assert python(code).stdout == "text True False\n"
-
-
-@pytest.mark.parametrize(
-    "name", ["abfm.flow.flow", "abfm.io.bids_names", "abfm.matching.match", "abfm.matching.problem"]
-)
-def test_examples_of_docstrings_run(name):
-    found = doctest.testmod(import_module(name))
-    assert found.attempted > 0
-    assert found.failed == 0
