@@ -184,17 +184,16 @@ def test_mock_backend_only_lacks_pictures():
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
 from tests.viewer.sessions import QUICK, match
-for size in ((1280, 800), (1000, 640)):
-    with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
-        gui.session.editor.amend(parameters=QUICK)
-        match(gui)
-        gui.type("alpha", "10")
-        gui.drag("time", 0.5)
-        before = gui.session.channels
-        gui.pick(vertex=12, surface="target")
-        session = gui.session
-        chosen = session.channels != before
-        print(session.parameters.alpha, round(session.time, 1), chosen, gui.errors)
+with Driver(icosphere(2), backend="openGL_mock", size=(1280, 800)) as gui:
+    gui.session.editor.amend(parameters=QUICK)
+    match(gui)
+    gui.type("alpha", "10")
+    gui.drag("time", 0.5)
+    before = gui.session.channels
+    gui.pick(vertex=12, surface="target")
+    session = gui.session
+    chosen = session.channels != before
+    print(session.parameters.alpha, round(session.time, 1), chosen, gui.errors)
 """
     done = python(code, cwd=ROOT)
-    assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n" * 2, 0), done.stderr
+    assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n", 0), done.stderr

@@ -1,6 +1,5 @@
 """Checks of pixels: words have contrast, and surfaces stay in their slots."""
 
-from collections import Counter
 from dataclasses import replace
 from itertools import cycle, product
 
@@ -33,14 +32,15 @@ def contrasts(gui, path):
     colour.
     """
     gui.screenshot(path)
-    picture, found = np.asarray(Image.open(path).convert("RGB")), {}
+    picture, found = np.asarray(Image.open(path).convert("RGBA")), {}
     for widget in gui.window.ui.widgets:
         left, top, right, bottom = map(round, widget.rect)
         inside = widget.area[1] <= top and bottom <= widget.area[3]
         if widget.kind in _WITH_WORDS and inside and (widget.text or widget.kind != "box"):
-            part = picture[top + 2 : bottom - 2, left + 2 : right - 2].reshape(-1, 3)
-            colors = Counter(tuple(color) for color in (part / 255).tolist())
-            (ground, _), *_ = colors.most_common(1)
+            part = picture[top + 2 : bottom - 2, left + 2 : right - 2].reshape(-1, 4)
+            words, counts = np.unique(part.view(np.uint32), return_counts=True)
+            colors = (words[:, None].view(np.uint8)[:, :3] / 255).tolist()
+            ground = colors[counts.argmax()]
             farthest = max(contrast(ground, color) for color in colors)
             found[widget.section, widget.label, widget.kind] = farthest, widget.enabled
     return found

@@ -109,9 +109,10 @@ def _layouts(gui, size, texts):
     for state in _states(gui):
         for scale in UI_SCALES if state == LONGEST else SCALES[size]:
             gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
+            gui.frames(3)
             for tab in TABS:
                 gui.window.ui.open_tab = tab
-                gui.frames(4)
+                gui.frames(2)
                 for written in texts.values():
                     written.clear()
                 gui.frames(1)

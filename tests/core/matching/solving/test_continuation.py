@@ -23,7 +23,7 @@ from tests.shapes import icosphere
 SPHERE, SMALL = icosphere(3), icosphere(2)
 NUMBERS = "residual", "verified_residual", "folded", "log2_area", "log2_shape"
 SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
-SEEDS = (0, 2, 3)
+SEEDS = (0, 2)
 _SELECTION_NAMES = "sigma", "score"
 
 
@@ -168,7 +168,7 @@ def test_best_step_by_larger_residual_is_selected():
     assert match.stop_reason != "iteration limit"
 
 
-@pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.12, 60), (0.1, 100)])
+@pytest.mark.parametrize(("width", "b"), [(0.1, 30), (0.1, 100)])
 def test_correction_balances_both_checks(width, b, monkeypatch):
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(continuation, "_corrected", lambda state, level: state)
@@ -297,10 +297,9 @@ def test_measurements_of_steps_agree_with_their_fields(found):
     assert match.path[match.step].velocity is match.fine_velocity
 
 
-@pytest.mark.parametrize("width", [0.1, 0.12])
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
-def test_refinement_never_increases_the_residual(width, changes):
-    of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
+def test_refinement_never_increases_the_residual(changes):
+    of = [exact(0.12, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
     residuals = [match.worse_residual for match in of]
     assert residuals == sorted(residuals, reverse=True)
     assert of[0].refined == 0
