@@ -384,7 +384,6 @@ def _lines(
 
 
 def _unsolved_lines(rows: Sequence[SummaryRow]) -> list[str]:
-    """Return lines that name the rows that did not reach their target or are not finished."""
     lines = []
     for outcome in (Outcome.NOT_REACHED, Outcome.IMPOSSIBLE, Outcome.MISSING):
         names = [one_line(row.name, 80) for row in rows if row.facts.outcome is outcome]

@@ -109,7 +109,6 @@ def _report(
     lines: list[str],
     accuracy: MapAccuracy | None,
 ) -> int:
-    """Print the report of a map, its accuracy if known, and the written file."""
     out = arguments.out
     if accuracy is not None:
         lines.append(accuracy.report())

@@ -22,10 +22,6 @@ def residual_text(now: abfm.matching.Iteration) -> str:
     return f"farthest landmark {share(error_of(now.residual))} away"
 
 
-def was_interrupted(match: abfm.Match) -> bool:
-    return match.stop_reason in ("cancelled", "out of memory")
-
-
 def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
     changed = ", ".join(
         f"{name} {abfm.matching.value_text(value)}" for name, value in remedy.parameters.items()

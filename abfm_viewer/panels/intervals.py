@@ -108,7 +108,6 @@ def _across(sequence: FrameSequence) -> str:
 
 
 def _present(context: Context, sequence: FrameSequence) -> None:
-    """Draw a line at the shown time, and shade the interval that contains it."""
     ui, time = context.ui, context.session.document.time
     now = sequence.interval(time)
     ends = float(sequence.times[now]), float(sequence.times[now + 1])

@@ -75,7 +75,6 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _draw_line(ui: Ui, tables: Tables) -> None:
-    """Draw the line above the rows: summary, search, comparison and buttons."""
     table = tables.table
     assert table is not None
     buttons = ("Refresh", "Close table")

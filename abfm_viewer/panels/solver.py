@@ -198,7 +198,6 @@ def _draw_verdict(context: Context) -> None:
 
 
 def _draw_before(context: Context) -> None:
-    """Draw the outcome that is expected of a match, or the reason why no match can start."""
     ui, session = context.ui, context.session
     if (facts := session.work.expected_facts) is not None:
         _draw_headline(context, _expected_text(facts), facts.tone, facts.topics)
@@ -254,8 +253,7 @@ def _draw_compared(context: Context, compared: Comparison) -> None:
 
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    """Draw a button for each remedy of a result, or a text with advice if it has no button."""
-    was_interrupted, verdict = verdict_words.was_interrupted(result), result.verdict
+    was_interrupted, verdict = result.stop_reason.is_interrupted, result.verdict
     # if the complete map is the cause, no other flow helps
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
     with ui.group("verdict"):

@@ -94,7 +94,6 @@ def _speed(ui: Ui, session: Session) -> None:
 
 
 def _slider(context: Context) -> None:
-    """Draw the time slider, with a tick at tau or, for a sequence, at each frame."""
     ui, session = context.ui, context.session
     document = session.document
     box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]

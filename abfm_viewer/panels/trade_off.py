@@ -176,7 +176,6 @@ def area_ticks(widest: float) -> list[float]:
 
 
 def _step_text(path: Steps, number: int, chosen: int | None) -> str:
-    """Return parameters, residuals and distortion of a step as text, if they are known."""
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:

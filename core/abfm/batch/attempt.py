@@ -161,7 +161,6 @@ def _solved(item: WorkItem, row: Row, prepared: Task) -> Answer:
 
 
 def _save(item: WorkItem, row: Row, prepared: Task, path: Path) -> Record:
-    """Solve the task, write its result, and return the record with its cost."""
     control, cost, began = current_control() or Control(), Cost(), time.monotonic()
     _report_expected(item, row, prepared)
     with counted_row_products() as products:

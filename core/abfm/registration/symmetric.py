@@ -84,10 +84,8 @@ class SymmetricRegistration(Correspondence):
         """Return the arrays that `save` writes: both meshes, both maps, asymmetry and facts."""
         facts = asdict(self.facts)
         del facts["short_headline"]
-        return super().arrays() | {
-            "asymmetry": self.asymmetry,
-            "facts": np.array(json.dumps(facts)),
-        }
+        text = np.array(json.dumps(facts))
+        return super().arrays() | {"asymmetry": self.asymmetry, "facts": text}
 
     def save(self, path: File) -> None:
         """Write a ``.npz`` file without pickles, completely or not at all, or raise ResultError."""

@@ -75,9 +75,8 @@ class Report:
 
     def _headline(self, is_short: bool = False) -> str:
         reason, bound, outcome = self.evidence.stop_reason, self.evidence.bound, self.verdict.kind
-        by_size = outcome_of(self._worse, self.parameters.goal)
         achieved, log2_area = _residual(self._worse, is_short), self.evidence.log2_area
-        is_missed = by_size is Outcome.NOT_REACHED
+        is_missed = outcome_of(self._worse, self.parameters.goal) is Outcome.NOT_REACHED
         if is_missed and self._worse >= _SHARE_REDUCED * self.initial_residual:
             achieved += ", not reduced"
         has_areas = False
@@ -86,9 +85,10 @@ class Report:
         elif self.is_of_landmarks:
             kind = reason if reason.is_interrupted else outcome
             headline = f"{kind}: {self._landmarks(is_short)}"
-        elif reason is StopReason.CANCELLED or (outcome is Outcome.NOT_REACHED and is_missed):
-            kind = reason if reason is StopReason.CANCELLED else outcome
-            headline = f"{kind} ({achieved})"
+        elif reason is StopReason.CANCELLED:
+            headline = f"cancelled ({achieved})"
+        elif outcome is Outcome.NOT_REACHED and is_missed:
+            headline = f"{outcome} ({achieved})"
         else:
             headline = headline_of(outcome, self._worse, self.parameters.goal, is_short)
             has_areas = self._distorts or outcome is Outcome.REGISTERED
