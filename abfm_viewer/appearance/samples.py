@@ -23,7 +23,9 @@ WAVE = "A wave"
 SEQUENCES = {WAVE: "Frames of a spiral wave over a cortex, with nilearn"}
 """Sequences of frames on a surface and their descriptions."""
 POPULATION = "A population"
-POPULATIONS = {POPULATION: "Eight subjects made from a human by known flows, and an outlier"}
+POPULATIONS = {
+    POPULATION: "A function on a human, moved by known flows to eight subjects, and an outlier"
+}
 """Populations registered to a template, opened as a table, and their descriptions."""
 PICTURE_SOURCES = {POPULATION: "human_A.off"}
 """Samples without a thumbnail, and the sample whose thumbnail they use."""

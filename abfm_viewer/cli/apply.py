@@ -152,8 +152,8 @@ def _check_textured(arguments: argparse.Namespace) -> None:
         outputs.check_not_read(path, (arguments.texture, arguments.image))
         if path.exists() and not arguments.out.exists():
             raise ResultError(
-                f"cannot write {path}: it exists without {arguments.out.name}, and may belong to "
-                "another surface; choose another name"
+                f"cannot write {path}: it exists, but {arguments.out.name} does not. It may belong "
+                "to another surface; choose another name"
             )
 
 
@@ -190,7 +190,7 @@ def _labels(correspondence: Correspondence, path: str, column: str | None, side:
     except FunctionError as error:
         raise FunctionError(str(error).replace("column=", "--column ")) from None
     if np.abs(labels.values).max() > _LABEL_KEY_MAX:
-        raise FunctionError(f"{path}: a label key exceeds {_LABEL_KEY_MAX}")
+        raise FunctionError(f"{path}: a label key exceeds {_LABEL_KEY_MAX}; use smaller keys")
     return labels
 
 
@@ -223,5 +223,5 @@ def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoi
             f"{path}: point {row} is {offset}; expected points near it, in its unit of length"
         )
     if gap > _DISTANCE_NOTED * mesh.length_scale:
-        print_note(f"the largest distance has point {row}: {offset}")
+        print_note(f"points are projected onto the surface; the farthest, point {row}, is {offset}")
     return found

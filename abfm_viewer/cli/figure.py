@@ -213,7 +213,7 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
     except AbfmError as error:
         if arguments.figure != "all":
             raise
-        return FigureEntry(number, title, claim, problem=f"Not on this mesh: {error}")
+        return FigureEntry(number, title, claim, problem=f"Not possible on this mesh: {error}")
     setting, measures = findings.setting, findings.measures
     return FigureEntry(number, title, claim, setting, measures, picture, problem, notes)
 

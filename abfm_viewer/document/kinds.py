@@ -155,7 +155,7 @@ class MatchDocument(Document):
             if value is not None and not 0 <= value < count:
                 raise ValueError(f"{name} is {value}; expected 0 to {count - 1}")
         if self.bump < 0:
-            raise ValueError(f"bump is {self.bump}; expected 0 or more")
+            raise ValueError(f"bump, the number of a Gaussian, is {self.bump}; expected 0 or more")
 
     def differs(self, result: Match, values: Values) -> bool:
         alone = self.landmarks_alone and result.problem.is_of_landmarks
@@ -422,7 +422,9 @@ class SequenceDocument(Document):
             if frames.mesh is not self.surface().mesh:
                 raise ValueError("the frames are on another surface")
         if self.result is not None and len(self.result) != self.sequence.intervals:
-            raise ValueError(f"{len(self.result)} fields for {len(self.sequence)} frames")
+            raise ValueError(
+                f"it has {len(self.result)} fields; expected {self.sequence.intervals}"
+            )
 
     @property
     def is_complete(self) -> bool:

@@ -398,15 +398,13 @@ def _check(document: Document) -> None:
 def _check_run(run: RunRecord, name: str) -> None:
     rows = len(run.stages)
     inside = all(0 <= row <= rows for row in run.restarts)
-    _require(
-        inside, f"{name} restarts at {list(run.restarts)}; expected 0 to {rows}, its iterations"
-    )
+    _require(inside, f"{name} has restarts {list(run.restarts)}; expected iterations 0 to {rows}")
     for part in ("vertices", "reaches", "residuals", "sigmas", "shares"):
         count = len(getattr(run, part))
         _require(count in (0, rows), f"{name} has {count} {part}")
     shares = run.shares.shape[1]
     named = not run.term_names or shares == len(run.term_names)
-    _require(named, f"{name} has {shares} shares of {len(run.term_names)} terms")
+    _require(named, f"{name} has energies of {shares} terms but {len(run.term_names)} names")
 
 
 def _check_labels(labels: LabelMap, surface: Surface) -> None:

@@ -46,10 +46,10 @@ def draw(context: Context) -> None:
     ui.same_line_if_fits("Export CSV...", is_button=True)
     result = session.result
     if view == "trade-off":
-        tip = "Write the steps of the path to a table, after the run."
+        tip = "Write the steps of the continuation to a table. Available after the run."
         title, file, is_enabled = "Export the path", "path.csv", not session.solver.running
     else:
-        tip = "Write the three energies of each iteration of this run to a table."
+        tip = "Write the total energy, smoothness and closeness of each iteration to a table."
         title, file, is_enabled = "Export the energy", "energy.csv", run is not None
 
     def export(path: Path) -> None:

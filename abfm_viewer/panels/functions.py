@@ -25,7 +25,9 @@ from abfm_viewer.widgets.widget_record import Range
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Called with a changed function and the label of the widget that changed it."""
 _LABEL_LENGTH_MAX = 16  # characters
-_MOUSE_TIP = "On the source or target, Shift-click also moves it and Shift-wheel sets its width."
+_MOUSE_TIP = (
+    "Shift-click on the source or target also moves its Gaussian; Shift-wheel sets the width."
+)
 _ADD_CHANNEL = (
     "Add another pair of functions that the same flow matches. It starts with a fixed Gaussian "
     "far from all others."

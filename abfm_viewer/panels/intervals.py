@@ -147,5 +147,5 @@ def _tooltip_text(context: Context, sequence: FrameSequence, at: int) -> str:
         along_lines = f", along flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
         lines += [f"residual {share(residual)}{along_lines}", result.verdicts[at].kind]
         motion = share(float(result.motion_shares[at]))
-        lines.append(f"pictures between the frames show {motion} of the motion")
+        lines.append(f"between the frames, {motion} is shown as motion and the rest as a blend")
     return "\n".join(lines)

@@ -88,7 +88,7 @@ def _row_text(document: Document, landmark: Landmark, error: float | None) -> st
     name = f"{landmark.name}, " if landmark.name else ""
     missing = [document.surface_label(side) for side in SIDES if landmark.point(side) is None]
     if missing:
-        return f"{name}not yet on {missing[0]}, not used"
+        return f"{name}not yet placed on {missing[0]}, so not used"
     return f"{name}{'placed' if error is None else f'{share(error)} away'}"
 
 

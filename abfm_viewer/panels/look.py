@@ -183,7 +183,7 @@ def _field(context: Context) -> None:
         if field.note:
             ui.note(field.note)
         if shares := [f"{name} {100 * share:.1f}%" for name, share in field.shares.items()]:
-            ui.note(f"Shares of the squared norm: {', '.join(shares)}.")
+            ui.note(f"Shares of the field's squared norm: {', '.join(shares)}.")
     if quantities.error:
         ui.note(quantities.error, "failure")
 
@@ -196,10 +196,10 @@ def _map(context: Context) -> None:
     found, back = quality.distortion, quality.round_trip
     area, shape = found.log2_area, found.log2_shape
     ui.note(
-        f"Area change |log2 J|: mean {area.mean:.3f}, 95% below {area.p95:.3f}. "
-        f"Shape change |log2 R|: mean {shape.mean:.3f}, 95% below {shape.p95:.3f}. "
+        f"Area change |log2 J|: mean {area.mean:.3f}, 95% of the area below {area.p95:.3f}. "
+        f"Shape change |log2 R|: mean {shape.mean:.3f}, 95% of the area below {shape.p95:.3f}. "
         f"Folded faces: {found.folded}. "
-        f"Round-trip error: median {back.median:.2g} edge lengths, 95% below {back.p95:.2g}."
+        f"Round-trip error: median {back.median:.2g} edges, 95% of vertices below {back.p95:.2g}."
     )
     if quality.warning:
         ui.note(f"Warning: {quality.warning}.", "failure")
@@ -213,4 +213,4 @@ def _points(context: Context) -> None:
         x, y, z = path.at(context.shown.quantities.path_time)
         corner = mesh.faces[point.face][int(np.argmax(point.barycentric))]
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
-        context.ui.note(f"From vertex {mesh.vertex_ids[corner]} to {where}.")
+        context.ui.note(f"The point from vertex {mesh.vertex_ids[corner]} is at {where}.")

@@ -22,8 +22,8 @@ Steps: TypeAlias = "tuple[abfm.matching.PathStep, ...]"
 _SOLVER_CHOICE = "solver's choice"
 _STEP = (
     "Step of the continuation to show, save and export; a click on the curve, Up and Down also "
-    "choose it. Its residual is recomputed without merging vertices of thin triangles, so it may "
-    "be larger."
+    "choose it. Its residual is recomputed without the clusters of vertices that speed up the "
+    "solver on thin triangles, so it may be larger."
 )
 _BOUND_TIP = (
     "Largest area and shape change, |log2 J| and |log2 R|, on 99% of the faces: 1 allows factors "

@@ -55,7 +55,7 @@ def _channel(found: Population, c: int) -> Row:
     name = found.channels[c].name
     spread = f"standard deviation of {name}"
     means = {
-        "mean, at first": _filled_in(found.plain_mean(c)),
+        "mean, unregistered": _filled_in(found.plain_mean(c)),
         "mean, registered": _filled_in(found.mean(c)),
     }
     deviation = _filled_in(found.deviation(c))
@@ -102,7 +102,7 @@ def _outlier(found: Population, i: int) -> Row | None:
     if not np.isfinite(found.values[i, :, c]).any():
         return None
     functions = {
-        "at first": _filled_in(found.before[i, :, c]),
+        "unregistered": _filled_in(found.before[i, :, c]),
         "registered": _filled_in(found.values[i, :, c]),
         "mean of the others": _filled_in(found.mean_of_others(i, c)),
     }

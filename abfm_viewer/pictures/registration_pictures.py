@@ -27,7 +27,7 @@ from abfm_viewer.pictures.plots import histogram_picture, path_picture
 from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
 
 _LOG2 = "log2 J and log2 R"
-_ON_B = ("A on B, at first", "registered", "B")
+_ON_B = ("A on B, initial map", "registered", "B")
 _SQUARES = 16  # of the checkerboard, along the larger side of A
 _STRETCH_MIN = 1e-6  # smaller stretches count as this, as in `Distortion.log2_area`
 _RANGE_MIN = 0.5
@@ -107,9 +107,9 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
     if not isinstance(found, Registration):
         boards.append((found.b, found.transfer(board), "on B"))
     elif found.a is found.b:
-        boards = [(found.a, board, "at first"), (found.b, found.transfer(board), "advected")]
+        boards = [(found.a, board, "before the flow"), (found.b, found.transfer(board), "advected")]
     else:
-        boards.append((found.b, found.initial.transfer(board), "on B, at first"))
+        boards.append((found.b, found.initial.transfer(board), "on B, initial map"))
         boards.append((found.b, found.transfer(board), "on B, registered"))
     panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
     ratios = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}

@@ -185,7 +185,7 @@ class InitialMaps:
             )
         notes = (*initial.notes, *found.notes)
         if maps is self._first_maps:
-            notes = (f"the map {_FIRST_WORD} is shown while candidates are compared", *notes)
+            notes = (f"the initial map {_FIRST_WORD} is shown while all maps are compared", *notes)
         made = InitialMap(found.initial, request, notes, found.functions, initial.warnings)
         return PreparedMap(made, found.problem, found.problem.parameters)
 

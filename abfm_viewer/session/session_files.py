@@ -371,7 +371,7 @@ class SessionFiles:
         loading = self._session.loading
 
         def instead() -> Action | None:
-            text = f"{what} was not started, because {now.what} has ended meanwhile"
+            text = f"{what} was not started, because {now.what} has ended meanwhile; try again"
             return None if loading.now is now else partial(self._session.notices.show, text)
 
         def cancel() -> None:

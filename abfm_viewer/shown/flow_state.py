@@ -88,7 +88,7 @@ class FlowState:
         advected = self._advected(function, times)
         if np.abs(advected).max() > _VALUE_MAX:
             raise abfm.AdvectionError(
-                "the advected function overflows: the discrete flow is unstable over this time"
+                "the advected function overflows: the discrete flow is unstable. Use a shorter time"
             )
         return advected
 

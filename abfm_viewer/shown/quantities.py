@@ -72,7 +72,7 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
         fast = max(abfm.calculus.fast_speed(flow.mesh, speed) for speed in speeds)
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
-        note = f"norm of the bracket, relative to both fields: {bracket:.3g} (0 if they commute)"
+        note = f"norm of the Lie bracket relative to both fields: {bracket:.3g} (0 if they commute)"
     elif part != "complete":
         found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
         parts = dict(zip(HODGE_PARTS, found, strict=True))

@@ -134,9 +134,9 @@ class Actions:
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
         self.cancel = solver(_ESCAPE, "Esc", self._escape)
-        text = "show a smoother step of the continuation, or the row above"
+        text = "show a smoother step of the continuation, or the row above in the table"
         self.smoother = solver(text, "Up", lambda: self._select_next(-1))
-        text = "show a closer step of the continuation, or the row below"
+        text = "show a closer step of the continuation, or the row below in the table"
         self.closer = solver(text, "Down", lambda: self._select_next(1))
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "Space", session.player.toggle)

@@ -237,7 +237,7 @@ class Exporter:
                         self.progress = drawn_frames["frame"] / drawn_frames["count"]
             self._process = None
             if process.returncode != 0 or self._cancelled:
-                status = f"the drawing subprocess ended with status {process.returncode}"
+                status = f"the drawing process ended with status {process.returncode}; try again"
                 text = errors.read_text(encoding="utf-8", errors="replace").strip()
                 lines = text.splitlines() or [status]
                 raise AbfmError(lines[-1].removeprefix("abfm: "))

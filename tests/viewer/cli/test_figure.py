@@ -110,7 +110,7 @@ def test_figure_on_another_mesh(small, tmp_path, abfm):
     line = "figure {} --mesh {{t}}/box.off --out {{t}} --quiet"
     check_message(abfm(line.format(7), status=2).err)
     abfm(line.format("all"))
-    assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
+    assert "Not possible on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_page_has_all_figures():
         Measure("mismatch", 0.2, "matches", False, 0.05),
         Measure("drift", 0.5),
     )
-    picture, problem = Image.new("RGB", (4, 3), "red"), "Not on this mesh: no symmetry"
+    picture, problem = Image.new("RGB", (4, 3), "red"), "Not possible on this mesh: no symmetry"
     entries = [
         FigureEntry(1, "two & more", "f < g", "a <sphere>", measures, picture),
         FigureEntry(9, "a symmetry", "it works", problem=problem, notes=("beyond <colours>",)),

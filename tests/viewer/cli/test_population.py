@@ -127,10 +127,10 @@ def test_page_has_all_and_escapes_names(page, facts, found):
 
 
 def test_pictures_show_means_areas_and_outliers(page):
-    columns = ("mean, at first", "mean, registered", "standard deviation")
+    columns = ("mean, unregistered", "mean, registered", "standard deviation")
     titles = [f"{name}, {column}" for name in ("depth", "a label") for column in columns]
     titles += [f"areas, {each}" for each in ("mean of log2 J", "standard deviation of log2 J")]
-    titles += [f"{NAME}, {each}" for each in ("at first", "registered", "mean of the others")]
+    titles += [f"{NAME}, {each}" for each in ("unregistered", "registered", "mean of the others")]
     assert {*page.pictures} == {
         f"{title}, {side}" for title in titles for side in ("front", "back")
     }

@@ -65,8 +65,14 @@ def test_page_is_complete_and_escapes_texts(page):
 
 def test_pictures_show_both_surfaces_from_both_sides(page):
     shown = page.pictures
-    columns = ("A", "A on B, at first", "registered", "B", "difference")
-    columns_of_map = ("A", "on B, at first", "on B, registered", "areas: log2 J", "shapes: log2 R")
+    columns = ("A", "A on B, initial map", "registered", "B", "difference")
+    columns_of_map = (
+        "A",
+        "on B, initial map",
+        "on B, registered",
+        "areas: log2 J",
+        "shapes: log2 R",
+    )
     rows = {"function 1": columns, "function 2": columns, "the map": columns_of_map}
     titles = [f"{row}, {each}" for row, every in rows.items() for each in every]
     views = [f"{title}, {end}" for title in titles for end in ("front", "back")]

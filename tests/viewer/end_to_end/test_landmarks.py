@@ -148,11 +148,11 @@ def complete_half_a_pair(gui, notes):
     assert ("Click on A, then on B.", "muted") in notes()
     gui.pick(30, "source", modifiers=())
     gui.pick(60, "source", modifiers=())
-    assert gui.text_of("1: not yet on B, not used") == ""
+    assert gui.text_of("1: not yet placed on B, so not used") == ""
     assert session.work.problem.landmarks == ()
     gui.pick(31, "advected", modifiers=())  # B is also shown
     assert len(session.work.problem.landmarks) == 1
-    assert gui.text_of("2: not yet on B, not used") == ""
+    assert gui.text_of("2: not yet placed on B, so not used") == ""
     gui.input.move(3, 60)
     gui.input.click()
     gui.frames(1)

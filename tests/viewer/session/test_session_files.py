@@ -395,7 +395,7 @@ def test_long_request_ends_only_on_confirmation(desk, small, is_over):
         may_end.set()
         desk.wait(lambda: loading.now is None)
         instead()()
-        end = "because setting up a population has ended meanwhile"
+        end = "because setting up a population has ended meanwhile; try again"
         text = f"opening small.off was not started, {end}"
         assert desk.session.notices.latest.text == text
     else:
