@@ -48,10 +48,10 @@ class Comparison:
         return titles.get(slot, slot)
 
     def unknown(self, slot: str, channel: int) -> BoolArray | None:
-        """Return a mask of where the function in a slot has no values and was filled in.
+        """Return a mask of the values in a slot (a picture) that were missing and filled in.
 
-        The mask has shape (V,), or (F,) for areas. The result is None if the function has all
-        values, and for slots (pictures) that do not show the comparison.
+        The mask has shape (V,), or (F,) for areas. It is None without missing values, and for slots
+        that do not show the comparison.
         """
         values_of = {
             "source": lambda: self.population.values[self.subject, :, channel],

@@ -475,7 +475,7 @@ class Document:
         return best_front(self.surface(slot).mesh, *functions, up=up)
 
     def values_key(self, side: Side, spec: str) -> str:
-        """Return a function's key in a project: its spec, with a prefix on surface A of two."""
+        """Return a function's key in a project: its spec, with a prefix if on A of two surfaces."""
         return spec
 
     def values_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -486,7 +486,7 @@ class Document:
         return (), lambda: None
 
     def color_range_values(self, source: FloatArray, target: FloatArray) -> RangeValues:
-        """Return a cache key, and a function that returns the values whose range colours cover."""
+        """Return a cache key, and a function that returns the values whose range is coloured."""
         return (source, target), lambda: (source, target)
 
     @property

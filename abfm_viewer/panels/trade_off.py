@@ -1,4 +1,4 @@
-"""The trade-off plot: residual of each step of a path against the area change of its map."""
+"""The trade-off plot: residuals of the steps of a match against the area changes of their maps."""
 
 from __future__ import annotations
 

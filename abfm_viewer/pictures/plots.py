@@ -102,7 +102,7 @@ def histogram_picture(
 def path_picture(
     area_change: FloatArray, residuals: FloatArray, chosen: int, size: tuple[int, int]
 ) -> Image.Image:
-    """Return a plot of the residuals (S,) of a path's steps, in percent, by their area change.
+    """Return a plot of the residuals (S,) of the steps of a match, by their area change.
 
     ``chosen`` is the index of the selected step. ``size`` is in pixels.
     """

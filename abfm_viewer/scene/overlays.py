@@ -257,7 +257,7 @@ def draw_points(
 
 
 class Overlays:
-    """Structures drawn over the surfaces, again when their inputs change.
+    """Structures over the surfaces, which are redrawn when their inputs change.
 
     ``on_redraw`` is called with the name of each redrawn structure.
     """

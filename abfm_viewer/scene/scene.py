@@ -163,9 +163,9 @@ class Scene:
             self._session.editor.amend(view=replace(self._session.view, viewpoint=viewpoint))
 
     def common_viewpoint(self, name: str, viewpoint: Viewpoint) -> Viewpoint:
-        """Return the common viewpoint at which a surface is seen from the given viewpoint.
+        """Return the viewpoint of all surfaces that shows one of them from the given viewpoint.
 
-        All surfaces have the common viewpoint, each relative to its own front.
+        The viewpoint of all surfaces is relative to the front of each.
         """
         if name not in self._views:
             return viewpoint

@@ -227,7 +227,7 @@ class SessionFiles:
         self._load(Load(f"opening {path.name} as second surface", read, OTHER_SECOND, source))
 
     def open_frames(self, path: Path, array: str | None = None) -> None:
-        """Open frames on the current mesh, or on A of two; ``array`` is one of several arrays."""
+        """Open frames on the mesh, or on A of two surfaces; ``array`` is one of several arrays."""
         path, mesh = _absolute(path), self._session.surface("source").mesh
         source = Origin.of(path), mesh.digest, array
         read = partial(self._read_frames, path, array)

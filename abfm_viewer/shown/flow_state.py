@@ -72,7 +72,8 @@ class FlowState:
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
         """Return the start, at time 0, of the points that are at the vertices at ``times`` (T,).
 
-        The result (T, V, 3) is on surface A of two. ``places`` (V, 3) is used only for its shape.
+        The result (T, V, 3) is on surface A if there are two. ``places`` (V, 3) is used only for
+        its shape.
         """
         maps, first = self.flow.point_maps(times), self.initial
         found = [(each if first is None else each.followed_by(first)).positions for each in maps]

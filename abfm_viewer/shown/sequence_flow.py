@@ -104,7 +104,7 @@ class SequenceQuantities(FieldQuantities):
 
     @property
     def _is_of_interval(self) -> bool:
-        """Whether the shown field is the field of an interval or a Hodge part of it."""
+        """Whether the shown field is that of an interval, or a part of its Hodge decomposition."""
         return self._session.view.part in ("complete", *HODGE_PARTS)
 
     def _determined_shares(self) -> FloatArray | None:

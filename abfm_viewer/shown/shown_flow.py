@@ -247,7 +247,8 @@ class ShownFlow(Jobs):
     def coordinates(self) -> FloatArray | None:
         """Return the start, at time 0, of the points at the vertices at the shown time, (V, 3).
 
-        Points are followed along flow lines, to surface A of two. The result is None if unknown.
+        Points are followed along flow lines, and to surface A if there are two surfaces. The result
+        is None if unknown.
         """
         flow, places = self.state, self._origins
         if flow is None or places is None:

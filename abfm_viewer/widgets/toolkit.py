@@ -137,7 +137,7 @@ class Ui:
 
     @contextmanager
     def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Draw the widgets of the block as disabled if ``condition``; behind a dialog, paler."""
+        """Draw the widgets of the block as disabled if ``condition``, and paler behind a dialog."""
         if not condition:
             yield
             return

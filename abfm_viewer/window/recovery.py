@@ -26,7 +26,7 @@ _COPIES = "copies"  # subject of the cards
 
 
 class Preferences:
-    """Theme, UI scale and two switches of the window, stored for the next launch."""
+    """Theme, UI scale and two switches (see `_present`), stored for the next launch."""
 
     def __init__(self, session: Session, state: StateFolder) -> None:
         """Apply the stored preferences that are valid and not set by a project."""
