@@ -44,7 +44,7 @@ def vertices() -> dict[str, int]:
 
 
 def thumbnail_corners(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two opposite corners of a thumbnail, as fractions of the image `PICTURES`."""
+    """Return the top left and bottom right of a thumbnail, as fractions of the image `PICTURES`."""
     number, rows = list(vertices()).index(name), -(-len(vertices()) // COLUMNS)
     column, row = number % COLUMNS, number // COLUMNS
     return (column / COLUMNS, row / rows), ((column + 1) / COLUMNS, (row + 1) / rows)

@@ -197,7 +197,7 @@ class Run(Generic[Result]):
         self.state, self.reason = RunState.IDLE, ""
 
     def close(self, seconds: float = 1) -> None:
-        """Cancel the run, and end the subprocess even if the run has not ended soon after."""
+        """Cancel the run, and kill its subprocess if the run does not end soon."""
         self.cancel(skip_checks=True)
         self.wait(min(seconds, _CLOSE_SECONDS))
         self.process.close()

@@ -403,7 +403,7 @@ class SessionFiles:
     def save(
         self, path: Path, then: Action | None = None, document: Document | None = None
     ) -> None:
-        """Write a document, by default the current one, in the background; then call ``then``."""
+        """Write the current document, or another, in the background; on success call ``then``."""
         session, notices = self._session, self._session.notices
         document = document or session.document
         functions = session.functions.of_document(document)
