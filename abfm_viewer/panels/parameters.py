@@ -70,7 +70,7 @@ _REMEDIES = {
     "sigma": "Usually leave it at auto. Decrease it if the residual is too large, increase it if "
     "the field is rough. Half as large a relative σ gives about half the residual.",
     "beta": "Usually leave it at 0. Try 1e-4 if the edges of the target are blurred.",
-    "tau": "Leave it and change the smoothness. Usually τ only rescales the speed.",
+    "tau": "Change the smoothness instead. Usually τ only rescales the speed.",
     "reach": "Increase it if the source shrinks in place instead of moving to the target.",
     "divergence": "Usually leave it at auto. Use 1 if areas must change much, more to preserve "
     "areas.",
