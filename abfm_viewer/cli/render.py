@@ -96,12 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "style of a picture (default: window for projects and registrations, else sheet)",
         choices=("sheet", "window"),
     )
-    add(
-        "--channel",
-        "number of the channel (default: 0, or the active channel of a project)",
-        "C",
-        type=int,
-    )
+    add("--channel", "channel number (default: 0, or the active one of a project)", "C", type=int)
     add_up(add)
     add = adder(parser.add_argument_group("pictures and movies in the style of the window"))
     add("--transparent", "make the background transparent")
