@@ -101,7 +101,7 @@ class FrameSequence:
         return 0.5 * (self.times[1:] + self.times[:-1])
 
     def interval(self, time: float) -> int:
-        """Return the number of the interval at a time; a frame belongs to the interval after it."""
+        """Return the number of the interval at a time; at a frame, the next or else the last."""
         after = int(np.searchsorted(self.times, time, side="right"))
         return min(max(after - 1, 0), self.intervals - 1)
 
