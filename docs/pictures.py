@@ -246,7 +246,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
 
 
 def _make(names: Sequence[str]) -> None:
-    """Make each picture in its process, as one process cannot draw windows and other pictures."""
+    """Make each picture in its own process: none can draw both windows and other pictures."""
     makers = dict.fromkeys(PICTURES[name] for name in names)
     if len(makers) == 1:
         with tempfile.TemporaryDirectory() as scratch:

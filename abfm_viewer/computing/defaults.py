@@ -12,7 +12,7 @@ from abfm.types import FloatArray
 WIDTH = 0.13
 """Width of a Gaussian on a sufficiently fine mesh, as a fraction of sqrt(area)."""
 _WIDTH_EDGES = 3.0
-"""Width on a coarser mesh, in edges of equilateral triangles of the same total area."""
+"""Width of a Gaussian on a coarser mesh, in edges, as if all triangles were equilateral."""
 _WIDTH_EDGES_MAX = 4.0
 """Width in edges of the mesh itself above which Gaussians are narrowed, at most to `WIDTH`."""
 _WIDTH_EDGES_MIN = 2.0  # width in edges of the mesh itself below which Gaussians are widened

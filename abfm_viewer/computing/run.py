@@ -230,7 +230,7 @@ class Run(Generic[Result]):
             return self.process.solve(function, *given, on_partial=take, tries=tries)
 
     def end_call(self) -> None:
-        """End the current call, but not the run, with its best result so far, without checks."""
+        """End the current call, but not the run, with its best result so far, unverified."""
         self._control.cancel(skip_checks=True)
 
     @factoring_in_subprocess()

@@ -54,9 +54,9 @@ FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 DEFAULT_PARAMETERS = Parameters()
 EXTRAPOLATION = 2.0  # end of the time bar as a multiple of tau
-ZOOM_MAX = 200.0
 ZOOM_MIN = 0.2
-"""Largest and smallest zoom."""
+ZOOM_MAX = 200.0
+"""Smallest and largest zoom."""
 
 
 class Range(NamedTuple):
@@ -270,7 +270,7 @@ class RunRecord:
     stages: IntArray  # (n,), number of the stage
     # rows at which the solver continued with a changed problem
     restarts: tuple[int, ...]
-    residual: float  # the smallest residual of all fields; 0 during the run
+    residual: float  # of the result; 0 while there is none
     label: str  # the parameters in short
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))

@@ -16,7 +16,7 @@ from abfm_viewer.files.result_tables import place_of
 MESHES = (*MESH_ENDINGS, *FREESURFER_SURFACES)
 PROJECT = ".abfm"
 RESULT = ".npz"
-"""Endings of the names of meshes, project files and result files."""
+"""Endings of file names: of meshes (`MESHES`), projects (`PROJECT`) and results."""
 FRAME_ENDINGS = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),

@@ -110,7 +110,7 @@ class SlotView:
     slots: Slots
     rotation: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
     target: FloatArray  # (3,): the point in the middle of the slots
-    centre: FloatArray  # (3,): the target if the surfaces are not moved
+    centre: FloatArray  # (3,): the initial ``target``, before the user moves the surfaces
     upright: FloatArray  # (3,): the axis that points up in the front view
     zoom: float
     scale: float  # pixels per unit length

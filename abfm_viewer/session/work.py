@@ -173,7 +173,7 @@ class Work(ABC):
         return ""
 
     def on_flow(self, slot: str, point: Point) -> Point | None:
-        """Return a point of a slot (a picture) as a point of the flow's surface, or None."""
+        """Return a point of a picture on the flow's surface; None, with a notice, if unknown."""
         return point
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
@@ -356,7 +356,7 @@ class MatchWork(Work):
         parts = self.parts
         parts.functions.update(self.document)
         obstacle = self.obstacle
-        # after the functions are known, and not for off-screen pictures, which solve nothing
+        # solve only when the functions are known, and never for off-screen pictures
         if not (obstacle or parts.at_once):
             # coarse meshes are prepared in advance, because a match has to wait for them
             mesh, parameters = self.document.surface().mesh, self.document.parameters

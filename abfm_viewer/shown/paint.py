@@ -175,7 +175,7 @@ class Painter:
         return self._memos[name].get((mesh, values, title, colors), make)
 
     def _advected(self, advected: FloatArray, colors: ColorRange) -> Paint:
-        """Return the paint of the advected function; the title notes if a newer one is computed."""
+        """Return the paint of the advected function; the title notes if it is outdated."""
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy

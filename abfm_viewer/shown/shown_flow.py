@@ -265,7 +265,7 @@ class ShownFlow(Jobs):
 
     @property
     def _origins(self) -> FloatArray | None:
-        """Images of the vertices on the source's surface, by the initial map, (V, 3); or None."""
+        """Images of the vertices on the source's surface, (V, 3); None without an initial map."""
         surface = self._session.surface()
         if self._session.surface("source") is surface:
             return surface.mesh.vertices

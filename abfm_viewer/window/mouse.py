@@ -41,7 +41,7 @@ class Mouse:
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
         self._turned: _Turn | None = None
-        self._double_click: Place | None = None  # until the button is released
+        self._double_click: Place | None = None  # of a double click whose button is held
         self._moves = False
 
     @property

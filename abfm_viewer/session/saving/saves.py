@@ -112,7 +112,7 @@ class Saves:
         """Record the project file of a document (None without one), and whether it is saved.
 
         If ``saved`` is false, all fields of the document count as changed. ``settles`` is the
-        `unsaved_state` when writing began. Unless there is a newer one, the document then has none.
+        `unsaved_state` when writing began; it is dropped, unless a newer one has replaced it.
         """
         self._saved[document.identity] = document if saved else None, origin
         if saved and self._unsaved.get(document.identity) is settles:
