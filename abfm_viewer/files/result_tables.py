@@ -100,7 +100,7 @@ def _of_population(place: Path, path: Path) -> PopulationTable:
 
 
 def _stamps(place: Path) -> list[int]:
-    """Return the modification times (ns) of a table's files, which every change replaces."""
+    """Return the modification times (ns) of a table's files, to notice changes of the table."""
     watched = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
     stamps = []
     for path in watched if place.is_dir() else (place,):
