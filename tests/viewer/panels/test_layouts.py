@@ -22,6 +22,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
 from abfm_viewer.panels.right_panel import TABS
+from abfm_viewer.shown import quantities
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.menus import UI_SCALES
 from tests.processes import run
@@ -128,6 +129,7 @@ def _layouts(gui, size, texts):
 
 
 def main():
+    quantities.TEXELS = 128  # nothing is drawn
     texts = {"lines": _recorded("line"), "notes": _recorded("note")}
     found = []
     for size in SCALES:
