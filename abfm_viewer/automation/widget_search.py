@@ -114,14 +114,14 @@ class WidgetSearch:
         """
         of_menus = kinds is not None and set(kinds) <= {"menu", "item"}
         if of_menus or within in [menu.label for menu in self._drawn("menu")]:
-            yield from self._open_menus()
+            yield from self._open_menus(within)
         if not of_menus:
             yield from self._open_sections(within, set())
             yield from self._open_tabs(within)
-            yield from self._open_menus()
+            yield from self._open_menus(within)
 
-    def _open_menus(self) -> Iterator[None]:
-        for menu in self._drawn("menu"):
+    def _open_menus(self, within: str) -> Iterator[None]:
+        for menu in sorted(self._drawn("menu"), key=lambda menu: menu.label != within):
             if menu.section or not menu.enabled:
                 continue
             self._press(menu)
