@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.family import WORD, Family, Spec, choice, file_name, parameter, quoted
@@ -161,6 +160,8 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         pairs = _local_vertices(mesh, path, np.column_stack([points, mirrored]))
         both = np.concatenate([pairs, pairs[:, ::-1]])
         paired, first = np.unique(both[:, 0], return_index=True)
+        from scipy.spatial import cKDTree  # imported late, as most processes do not use it
+
         nearest = cKDTree(mesh.vertices[paired]).query(mesh.vertices)[1]
         return np.asarray(both[first[nearest], 1])
     return mapped_vertices(mesh, mesh, path, table)

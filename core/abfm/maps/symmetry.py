@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError
@@ -115,6 +114,8 @@ class _Isometries(NamedTuple):
             return np.eye(3) - 2 * along
         if self.order == 2:
             return 2 * along - np.eye(3)
+        from scipy.spatial.transform import Rotation  # imported late, as in `functions.files`
+
         rotations = Rotation.from_rotvec(2 * np.pi / self.order * axes.reshape(-1, 3)).as_matrix()
         return rotations.reshape(along.shape)
 
