@@ -95,20 +95,39 @@ def outcome_of(residual: float, goal: float) -> Outcome:
 
 @dataclass(frozen=True)
 class Facts:
-    """The facts of a result that all reports, pages and panels show."""
+    """The facts of a result that all reports, pages and panels show.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    headline : str
+        A few words with the main numbers, such as "matched (residual 4%)".
+    reason : str
+        The reason for the outcome, in one line without a full stop.
+    advice : str
+        A suggestion for a better result, in one line; empty if none is needed.
+    numbers : mapping of str to float or None
+        Measurements by name; None if unknown.
+    warnings : tuple of str
+        Warnings about the result, one line each.
+    is_complete : bool
+        False if the run was interrupted (cancelled, or out of memory) or was never solved.
+    topics : tuple of str
+        Names of the sections of ``abfm.troubleshooting`` that explain the outcome and the warnings;
+        by default that of the outcome.
+    short_headline : str
+        The headline with shorter words, such as "areas ×1.4"; by default the headline.
+    """
 
     outcome: Outcome
-    headline: str  # a few words with the main numbers, such as "matched (residual 4%)"
-    reason: str = ""  # the reason for the outcome, in one line without a full stop
-    advice: str = ""  # a suggestion for a better result, in one line; empty if none is needed
-    # measurements by name; None if unknown
+    headline: str
+    reason: str = ""
+    advice: str = ""
     numbers: Mapping[str, float | None] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()  # one line each
-    is_complete: bool = True  # False if the run was interrupted, or the task was never solved
-    # names of the sections of ``abfm.troubleshooting`` that explain the outcome and the warnings;
-    # by default that of the outcome
+    warnings: tuple[str, ...] = ()
+    is_complete: bool = True
     topics: tuple[str, ...] = ()
-    short_headline: str = ""  # with shorter words, such as "areas ×1.4"; by default the headline
+    short_headline: str = ""
 
     def __post_init__(self) -> None:
         topics = dict.fromkeys(map(str, self.topics or [self.outcome]))  # removes repetitions
