@@ -72,7 +72,7 @@ def _loaded(path: File) -> Any:
 def task_of_file(path: File) -> type[Task] | None:
     """Return the type of task whose result a file contains; None for other archives of arrays.
 
-    ResultError if the file is missing or damaged.
+    Raises ResultError if the file is missing or damaged.
     """
     names = _names(path)
     return _task(names) if "format_version" in names else None

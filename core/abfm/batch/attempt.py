@@ -96,8 +96,8 @@ class Cost:
 def attempt(item: WorkItem) -> Answer:
     """Solve a work item; write its result, unless it exists, and return failures as answers.
 
-    The row's record is also written if the folder is accessible from this machine. CancelledError
-    if the control of this thread was cancelled.
+    The row's record is also written if the folder is accessible from this machine. Raises
+    CancelledError if the control of this thread was cancelled.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", AbfmWarning)

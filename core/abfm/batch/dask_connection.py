@@ -35,8 +35,8 @@ _SCHEDULER_FILE_BYTES_MAX = 64 << 20
 class DaskConnection:
     """A connection to the scheduler of a cluster, until it is closed.
 
-    ``control`` cancels waiting for the scheduler by a `CancelledError`. AbfmError if there is no
-    such scheduler, or its cluster has no abfm or another version of it.
+    ``control`` cancels waiting for the scheduler by a `CancelledError`. Raises AbfmError if there
+    is no such scheduler, or its cluster has no abfm or another version of it.
     """
 
     def __init__(self, cluster: Cluster, control: Control) -> None:
@@ -123,7 +123,7 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 def _client(make: Callable[..., Any], address: str, control: Control) -> Any:
     """Return a client connected to the scheduler; ``make`` is the class of the client.
 
-    ResultError if there is no answer within 30 seconds.
+    Raises ResultError if there is no answer within 30 seconds.
     """
     clients = SimpleQueue[Any]()
 

@@ -76,7 +76,7 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
 def checked_period(circular: Any) -> float | None:
     """Return the period in an argument ``circular``: 2 pi for True; None for False or None.
 
-    ParameterError if the argument is neither a truth value nor a positive number.
+    Raises ParameterError if the argument is neither a truth value nor a positive number.
     """
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None

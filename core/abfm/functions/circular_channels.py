@@ -25,8 +25,8 @@ def split_channels(
 ) -> tuple[list[str], list[str], list[float]]:
     """Replace each circular channel by its cosine and sine, two channels of the same weight.
 
-    With a ``period``, all functions become circular. FunctionError if only one of a source and its
-    target is circular.
+    With a ``period``, all functions become circular. Raises FunctionError if only one of a source
+    and its target is circular.
     """
     found: tuple[list[str], list[str], list[float]] = ([], [], [])
     for *pair, weight in zip(sources, targets, weights, strict=True):

@@ -143,7 +143,7 @@ def _parsed(formula: str) -> ast.expr:
 def _computed(node: ast.expr, names: dict[str, Any]) -> Any:
     """Evaluate a node of the syntax tree of a formula; ``names`` has the values of variables.
 
-    ValueError for anything except arithmetic.
+    Raises ValueError for anything except arithmetic.
     """
     match node:
         case ast.Constant(bool() | complex() | str() | bytes() | None as other):

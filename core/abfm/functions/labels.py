@@ -78,7 +78,7 @@ def has_label(
 ) -> BoolArray:
     """Return a mask (V,) of the vertices with a label, its name or key, in a file.
 
-    FunctionError if the file does not have the label.
+    Raises FunctionError if the file does not have the label.
     """
     labels = read_labels(path, column, mesh, hemisphere)
     with file_errors(path):

@@ -31,8 +31,8 @@ Element = tuple[int, bytes]  # type and bytes of a data element
 def matlab_arrays(data: bytes) -> PointData:
     """Return the numeric arrays of a MATLAB file by name; each is decoded on access.
 
-    ValueError if the file is damaged. Access raises it if several arrays have the name, or if the
-    array is complex.
+    Raises ValueError if the file is damaged. Access raises it if several arrays have the name, or
+    if the array is complex.
     """
     if not data.startswith(_SIGNATURE) or len(data) < _HEAD_BYTES:
         raise ValueError(

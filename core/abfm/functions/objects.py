@@ -87,7 +87,7 @@ def texts_or_values(mesh: TriangleMesh, source: Any, name: str) -> Any:
 def values_of_object(mesh: TriangleMesh, source: Any) -> ObjectValues | None:
     """Return the values of an image or a source estimate; None for any other object.
 
-    ValueError if the object has no values of one surface.
+    Raises ValueError if the object has no values of one surface.
     """
     side = side_of(mesh.structure) or ""
     if has(source, "vertices", "data", "tmin", "tstep"):

@@ -22,7 +22,7 @@ _COARSER_COPIES = {
 def interpolate_sources(columns: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tuple[str, ...]]:
     """Interpolate values at sources to all vertices; return them, (T, V), and notes for the user.
 
-    ValueError if the sources are not vertices of the mesh, or interpolation is impossible.
+    Raises ValueError if the sources are not vertices of the mesh, or interpolation is impossible.
     """
     sources = np.zeros(0, dtype=np.int64) if columns.vertices is None else columns.vertices
     values = columns.table().T

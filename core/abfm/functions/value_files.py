@@ -188,7 +188,7 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
 def columns_of(opened: Opened, request: Request) -> Columns:
     """Return the requested columns of an opened file, with the rows of the file.
 
-    ValueError if the file is invalid.
+    Raises ValueError if the file is invalid.
     """
     reader = READERS.get(opened.format)
     if reader is None:
@@ -352,7 +352,7 @@ def image_columns(
 
     The axes of the image are columns, rows, slices and frames. The voxels of a frame are the
     vertices, as written by FreeSurfer: (V, 1, 1), or other sizes with the product V. An image may
-    also have only two axes, of vertices and of columns. ValueError for an image of a volume.
+    also have only two axes, of vertices and of columns. Raises ValueError for an image of a volume.
     """
     table = image.reshape(-1, image.shape[3], order="F")
     if counts and len(table) not in counts:

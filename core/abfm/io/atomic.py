@@ -169,7 +169,7 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
 def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
     """Yield a new private folder inside ``folder``; remove it at the end with all its contents.
 
-    By default it is in the folder of the system for temporary files. OSError if it cannot be
+    By default it is in the folder of the system for temporary files. Raises OSError if it cannot be
     created.
     """
     with temporary_file(folder or Path(tempfile.gettempdir()), is_folder=True) as path:

@@ -34,8 +34,8 @@ def write_cifti_values(
 
     ``names`` are the C names of maps; frames have no names. ``structure`` is "CortexLeft" or
     "CortexRight". ``times`` (C,) are the times of frames in seconds, evenly spaced, by default 0,
-    1, 2, ... ResultError if the hemisphere is unknown, no vertex has a value, or the file cannot be
-    written.
+    1, 2, ... Raises ResultError if the hemisphere is unknown, no vertex has a value, or the file
+    cannot be written.
     """
     is_series = os.fspath(path).lower().endswith(".dtseries.nii")
     count = values.shape[1]

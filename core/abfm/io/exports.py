@@ -89,7 +89,7 @@ def export_energy_csv(
 ) -> None:
     """Write a .csv with a line for each iteration: its number, its stage and its energies.
 
-    The energies are in solver units. ResultError if the file cannot be written.
+    The energies are in solver units. Raises ResultError if the file cannot be written.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def _columns(
     """Return the columns of data arrays by name, each (count,) as float64.
 
     If ``vectors``, an array of three columns becomes a tuple, and bytes (uint8) keep their type.
-    ResultError for a wrong shape, and for a name that is invalid, repeated or ``reserved``.
+    Raises ResultError for a wrong shape, and for a name that is invalid, repeated or ``reserved``.
     """
     columns: dict[str, Any] = {}
     for name, array in data.items():

@@ -273,7 +273,7 @@ def has_format_version(archive: Mapping[str, Any]) -> bool:
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
     """Raise a ResultError unless the format version of a file is ``current``.
 
-    ValueError if the version is not a positive integer.
+    Raises ValueError if the version is not a positive integer.
     """
     if type(version) is not int or version < 1:
         raise ValueError(f"format_version is {brief(version)}; expected {current}")
@@ -307,7 +307,7 @@ def check_arrays(
     """Check arrays by their entries; return them by the names of the entries, in their types.
 
     The names in ``arrays`` begin with ``prefix``. ``sizes`` are known sizes by the words in shapes.
-    ValueError if a required array is missing, or an array is invalid.
+    Raises ValueError if a required array is missing, or an array is invalid.
     """
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
@@ -361,8 +361,8 @@ def save_parts(
     """Write all parts that can be computed and loaded again; return a line for each missing part.
 
     A line has the name of a part and the reason why it is missing. ``substitutes`` replace required
-    arrays of missing parts. ResultError if a required array without a substitute is missing, or the
-    file cannot be written.
+    arrays of missing parts. Raises ResultError if a required array without a substitute is missing,
+    or the file cannot be written.
     """
     arrays: dict[str, Any] = {}
     sizes: dict[str, int] = {}

@@ -90,8 +90,8 @@ def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
 def close_holes(mesh: TriangleMesh) -> tuple[FloatArray, IntArray]:
     """Close each hole of a surface of genus 0 with a fan of faces around a new vertex.
 
-    Return points (V', 3), which begin with the vertices of the mesh, and faces (F', 3). MeshError
-    if the surface has handles or pinched vertices.
+    Return points (V', 3), which begin with the vertices of the mesh, and faces (F', 3). Raises
+    MeshError if the surface has handles or pinched vertices.
     """
     if pinched := int(mesh.is_pinched_vertex.sum()):
         raise MeshError(

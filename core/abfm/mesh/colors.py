@@ -51,7 +51,7 @@ def load_colors(
     surface was moved, they are identified by their vertex numbers. The file may have further faces.
     ``image`` replaces the image that the file refers to.
 
-    MeshError if the file cannot be read, belongs to another surface, or has no colours.
+    Raises MeshError if the file cannot be read, belongs to another surface, or has no colours.
     """
     name, readers = one_line(path), dict(COLOR_READERS)
     if image is not None:
@@ -102,7 +102,7 @@ def _of_rows(found: ColoredFaces, rows: IntArray, corners: IntArray) -> SurfaceC
 def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArray]:
     """Return, for each face of the mesh, the face of the file, (F,), and its corners, (F, 3).
 
-    The corners are in the order of the mesh. MeshError if a face is not in the file.
+    The corners are in the order of the mesh. Raises MeshError if a face is not in the file.
     """
     if not np.isfinite(found.vertices).all():
         raise MeshError("the file has coordinates that are not finite. Correct them")

@@ -44,7 +44,8 @@ def has(source: Any, *names: str) -> bool:
 def contents_of(source: Any, hemisphere: str = "") -> FileContents:
     """Return the vertices and faces of an object, in the order of the object.
 
-    ``hemisphere`` chooses the part of a nilearn object. ValueError if the object is not a mesh.
+    ``hemisphere`` chooses the part of a nilearn object. Raises ValueError if the object is not a
+    mesh.
     """
     if isinstance(source, tuple | list):
         if len(source) != 2:
@@ -76,7 +77,7 @@ def parts_of(source: Any) -> Mapping[str, Any] | None:
 def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
     """Return the part of a nilearn object for a hemisphere, or its only part.
 
-    ValueError if the part is missing, or if there are several parts and none is chosen.
+    Raises ValueError if the part is missing, or if there are several parts and none is chosen.
     """
     found = dict(parts)
     if not hemisphere and len(found) == 1:

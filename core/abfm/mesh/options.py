@@ -51,7 +51,7 @@ class MeshOptions:
     """Changes to a mesh before it is checked, in the order in which they apply.
 
     The metadata of each field has its ``help``, the label of its ``button``, and the ``metavar`` of
-    its value (empty for a flag). The function ``read`` in it converts text to the value.
+    its value (empty for a flag). The function ``read`` in it converts text to the value. Raises
     ParameterError if the distance is not a positive number, or the hemisphere is neither L nor R.
     """
 

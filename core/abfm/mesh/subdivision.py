@@ -17,7 +17,7 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     2) lies at corner c of f, which is also its corner c. Face ``4 f + 3`` is the middle one. Its
     corner c lies opposite the corner c of f.
 
-    MeshError if new faces have no area.
+    Raises MeshError if new faces have no area.
     """
     middles = mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)
@@ -56,7 +56,7 @@ def interpolated(mesh: TriangleMesh, values: ArrayLike, k: int = 1) -> FloatArra
 def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
     """Return k such that the mesh subdivided k times has this number of ``faces``.
 
-    MeshError if there is no such k.
+    Raises MeshError if there is no such k.
     """
     count = len(mesh.faces)
     k = max(faces // count, 1).bit_length() // 2

@@ -143,8 +143,8 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
 def function_text(given: str, folder: str | os.PathLike[str]) -> str:
     """Return the function specification of a text: the name of a values file or a specification.
 
-    File names in the text are relative to ``folder``; those in the result are absolute. AbfmError
-    if the text is neither an existing file nor a function specification.
+    File names in the text are relative to ``folder``; those in the result are absolute. Raises
+    AbfmError if the text is neither an existing file nor a function specification.
     """
     path = Path(folder, os.path.expanduser(given))
     try:

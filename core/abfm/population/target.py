@@ -25,7 +25,7 @@ class Target(NamedTuple):
     def from_partial(cls, mesh: TriangleMesh, functions: FloatArray, mask: FloatArray) -> Target:
         """Return a target with functions (C, V) extended to vertices where they are unknown.
 
-        Its mask is 0 there. ResultError if the functions are unknown everywhere.
+        Its mask is 0 there. Raises ResultError if the functions are unknown everywhere.
         """
         known = np.isfinite(functions).all(axis=0) & (mask > 0)
         if not known.any():

@@ -46,8 +46,8 @@ def read_cifti(
     ``hemisphere`` ("L" or "R") chooses the hemisphere, which must be in the file. If it is empty,
     ``likely``, the hemisphere of the surface, is read if the file has it. Otherwise the only
     hemisphere is read whose number of vertices is in ``counts``, the possible numbers for the
-    surface. A file with one hemisphere needs no choice. ValueError if the file is damaged or of
-    another type, or if the choice is not unique.
+    surface. A file with one hemisphere needs no choice. Raises ValueError if the file is damaged or
+    of another type, or if the choice is not unique.
     """
     try:
         return _columns(data, counts, (hemisphere, likely))

@@ -90,8 +90,8 @@ class Columns:
         """Return columns (V, C) with one row for each vertex of the mesh.
 
         If rows have vertex numbers, other vertices get NaN. Otherwise the axis of the vertices is
-        the first one whose size is the number of vertices of the mesh or its file. ValueError if
-        the values do not fit the mesh.
+        the first one whose size is the number of vertices of the mesh or its file. Raises
+        ValueError if the values do not fit the mesh.
         """
         found = self.by_vertex()
         if found.vertices is not None:
@@ -186,7 +186,7 @@ class Columns:
     def number_of(self, column: str | None) -> int:
         """Return the index of a column by its name or number; None chooses the only column.
 
-        ValueError if there is no such column, or if several have the name.
+        Raises ValueError if there is no such column, or if several have the name.
         """
         count = math.prod(self.values.shape[1:])
         numbers = self.numbers or tuple(map(str, range(count)))

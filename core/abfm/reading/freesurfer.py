@@ -37,8 +37,8 @@ def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
     """Read the vertices (V, 3) and triangles (F, 3) of a surface.
 
     Coordinates are FreeSurfer's surface RAS, as in the file and in nibabel. The centre of the
-    volume (``cras``), which may follow the triangles, is not added. ValueError if the file is not a
-    surface, or is cut off.
+    volume (``cras``), which may follow the triangles, is not added. Raises ValueError if the file
+    is not a surface, or is cut off.
     """
     if data[:3] != _SURFACE:
         raise ValueError("the file is not a FreeSurfer surface of triangles")
@@ -60,7 +60,7 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
     """Read the vertices (V, 3) and quadrangles (Q, 4) of an old surface.
 
     Vertex numbers have three bytes. Coordinates are integers in units of 0.01, or, in the newer
-    version, floats. ValueError if the file is cut off.
+    version, floats. Raises ValueError if the file is cut off.
     """
     reader = _BytesReader(data, len(_QUADRANGLES))
     vertex_count, quad_count = reader.threes(2, "counts")
@@ -73,7 +73,7 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
 def freesurfer_values(data: bytes) -> FloatArray:
     """Read the values (n,) at the vertices from a file such as ``lh.sulc``, new or old format.
 
-    ValueError if the file is not a file of values, or its size is wrong.
+    Raises ValueError if the file is not a file of values, or its size is wrong.
     """
     if data[:3] != _VALUES:  # old format: counts of 3 bytes, and integers in units of 0.01
         count = int.from_bytes(data[:3], "big")

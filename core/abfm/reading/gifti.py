@@ -126,7 +126,7 @@ def _color(label: Element) -> Color | None:
 def _values(array: Element, text: str, path: Path, size_max: int) -> NDArray[Any]:
     """Return the numbers of a data array element with a text, of the GIFTI file ``path``.
 
-    ValueError if they have more than ``size_max`` bytes.
+    Raises ValueError if they have more than ``size_max`` bytes.
     """
     kind = choice_in(array, "DataType", _TYPES)
     order = choice_in(array, "ArrayIndexingOrder", _LAYOUTS, "RowMajorOrder")

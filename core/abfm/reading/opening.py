@@ -152,8 +152,8 @@ _CIFTI_INTENTS = range(3000, 3100)
 def open_file(path: str | os.PathLike[str]) -> Opened:
     """Read an uncompressed or gzip-compressed file and detect its format.
 
-    OSError if the file cannot be read, see `open_regular`. ValueError if the file is empty, its
-    compressed data are damaged, or it is a Git LFS pointer, a web page or an archive.
+    Raises OSError if the file cannot be read, see `open_regular`. Raises ValueError if the file is
+    empty, its compressed data are damaged, or it is a Git LFS pointer, a web page or an archive.
     """
     file = Path(os.path.expanduser(path))
     data, name = read_bytes(file), file.name.lower()

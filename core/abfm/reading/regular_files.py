@@ -81,7 +81,7 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 
     For security, it must be in the folder of the referring file or below. A downloaded file must
     not choose which files of this computer are read. Symbolic links in the folder are followed.
-    ValueError if the name leads out of that folder.
+    Raises ValueError if the name leads out of that folder.
     """
     folder = os.path.abspath(os.path.dirname(os.path.expanduser(os.fspath(file))))
     path = os.path.abspath(os.path.join(folder, name))
@@ -96,8 +96,8 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 def inflated(data: bytes, size_max: int | None = None) -> bytes:
     """Decompress data of gzip or zlib.
 
-    ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes, by default
-    the `inflated_size_max` of the compressed size.
+    Raises ValueError if the data are damaged or cut off, or have more than ``size_max`` bytes, by
+    default the `inflated_size_max` of the compressed size.
     """
     bound = inflated_size_max(len(data)) if size_max is None else size_max
     try:

@@ -84,7 +84,7 @@ def _table_error(error: csv.Error) -> str:
 def parse_number(text: str, decimal_comma: bool = False) -> float:
     """Return the number in a cell, which may have a decimal comma.
 
-    ValueError if the cell is not a number, or if its comma may separate thousands and
+    Raises ValueError if the cell is not a number, or if its comma may separate thousands and
     ``decimal_comma`` is False.
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
@@ -113,7 +113,7 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
     columns. A named column of other words is omitted, and also a last column of blank cells.
 
     ``data`` is a file in UTF-8 or UTF-16, or its text. If ``integers`` is True, integers are
-    expected, and a comma between two of them separates columns. ValueError if cells are not
+    expected, and a comma between two of them separates columns. Raises ValueError if cells are not
     numbers, or if commas are ambiguous.
     """
     text = _text(data)
@@ -153,7 +153,7 @@ def _with_gaps(
 ) -> Numbers:
     """Return the numbers in rows whose cells may also be blank, missing values, true or false.
 
-    ValueError for other words; its cause is ``error``, why the rows are not only numbers.
+    Raises ValueError for other words; its cause is ``error``, why the rows are not only numbers.
     """
     cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
     width = len(cells[0])
@@ -261,7 +261,7 @@ def _with_points(
 ) -> tuple[list[str], str | None]:
     """Replace decimal commas in rows by points; return the rows and their separator of cells.
 
-    ValueError if commas are ambiguous.
+    Raises ValueError if commas are ambiguous.
     """
     if separator == "," and not any('"' in row for row in rows):
         is_one_column = len(names) == 1 and not integers

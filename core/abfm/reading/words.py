@@ -98,8 +98,8 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
     """Split numbers (n,) into lists; the length of each list precedes its entries.
 
     ``count`` is the number of lists, by default as many as there are. Return the lengths of the
-    lists, (count,), and their concatenated entries, (n - count,). ValueError if the numbers do not
-    form this number of lists.
+    lists, (count,), and their concatenated entries, (n - count,). Raises ValueError if the numbers
+    do not form this number of lists.
     """
     width = int(flat[0]) + 1 if len(flat) else 0
     if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):

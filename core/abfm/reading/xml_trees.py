@@ -17,7 +17,8 @@ def xml_tree(content: bytes) -> Element:
     entities and default attributes can turn small files into gigabytes. A DOCTYPE that refers to
     another file, as in GIFTI files, is accepted; the other file is never read.
 
-    ValueError if the content is not XML, is cut off, contains a DTD, or has an unknown encoding.
+    Raises ValueError if the content is not XML, is cut off, contains a DTD, or has an unknown
+    encoding.
     """
     parser, builder = expat.ParserCreate(), TreeBuilder()
     parser.buffer_text = True

@@ -151,8 +151,8 @@ class Correspondence(Display):
     def transfer_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
         """Transfer points of A to B.
 
-        Vertices of A can also be given by their indices in its mesh, (P,). AbfmError if the points
-        are on another surface.
+        Vertices of A can also be given by their indices in its mesh, (P,). Raises AbfmError if the
+        points are on another surface.
         """
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
         if len(given.mesh.faces) != len(self.a.faces):

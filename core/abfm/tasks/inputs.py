@@ -338,7 +338,7 @@ def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
 def channels(values: Mapping[str, Any]) -> tuple[list[str], list[str], list[float]]:
     """Return the sources, targets and weights of C channels, (C,) each, from the inputs' values.
 
-    A phase becomes two channels. ParameterError if source or target is given alone.
+    A phase becomes two channels. Raises ParameterError if source or target is given alone.
     """
     if ("source" in values) != ("target" in values):
         raise ParameterError("source and target must be given together")

@@ -48,8 +48,8 @@ class FunctionTerm:
     vertices times the mask. ``function_size`` is the larger L2 norm of source and target minus
     their means, over all channels; 1 if both are constant. The mask (V,) refers to the vertices of
     the mesh or of its file. Weights are (C,), and all 0 if the functions are only advected.
-    ``approximate`` functions match only approximately, such as descriptors of two shapes. AbfmError
-    if shapes or values are wrong.
+    ``approximate`` functions match only approximately, such as descriptors of two shapes. Raises
+    AbfmError if shapes or values are wrong.
     """
 
     name = "closeness"

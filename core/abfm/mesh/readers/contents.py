@@ -95,7 +95,7 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     fan would be wrong are split by ear clipping, projected along their mean normal. Polygons that
     intersect themselves become fans, with a warning.
 
-    ValueError if a polygon has fewer than 3 corners, or the split would take too long.
+    Raises ValueError if a polygon has fewer than 3 corners, or the split would take too long.
     """
     if np.all(sizes == 3):
         return FileContents(vertices, corners.reshape(-1, 3))

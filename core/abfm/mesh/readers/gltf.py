@@ -89,7 +89,7 @@ def shaped(
     """Return the positions (n, 3) of a part in the scene, and whether the part is mirrored.
 
     The part belongs to the mesh of a ``node`` with the transformation ``matrix`` (4, 4), which a
-    skin replaces. ValueError if the data are invalid.
+    skin replaces. Raises ValueError if the data are invalid.
     """
     points = _morphed(document, part, node)
     if (skin := of(node, "skin", int, None)) is not None:

@@ -46,7 +46,7 @@ _TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a t
 def of(entry: Any, name: str, kind: type, default: Any) -> Any:
     """Return the value of a JSON object under a name, or the default if it has no such name.
 
-    ValueError if the entry is not an object, or the value is not of type ``kind``.
+    Raises ValueError if the entry is not an object, or the value is not of type ``kind``.
     """
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):

@@ -233,8 +233,8 @@ class _Body:
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
         """Read the next element, and return its properties with ``wanted`` names.
 
-        Of several properties of the same name, the last one is returned. ValueError if the file is
-        cut off, or if the length of a list is negative.
+        Of several properties of the same name, the last one is returned. Raises ValueError if the
+        file is cut off, or if the length of a list is negative.
         """
         step = sum(self._kind(p.length_code or p.code).itemsize for p in element.properties)
         if element.rows * step > len(self._data) - self._position:

@@ -99,9 +99,9 @@ def align(
     """Find the motion that brings B closest to A.
 
     The kind is ``rigid``, ``similarity`` (with a scale), or ``mirror`` (a similarity with a
-    reflection); ParameterError for any other. Three or more landmarks that do not lie on a line
-    determine the first motion. Otherwise several motions are tried, which align the centroids. One
-    has no rotation. The others align the principal axes, and rotate by the symmetry groups of a
+    reflection); raises ParameterError for any other. Three or more landmarks that do not lie on a
+    line determine the first motion. Otherwise several motions are tried, which align the centroids.
+    One has no rotation. The others align the principal axes, and rotate by the symmetry groups of a
     tetrahedron, a cube and an icosahedron.
 
     Each motion is refined by iterations. They find the closest points of each surface on the other

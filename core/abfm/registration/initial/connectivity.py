@@ -11,7 +11,7 @@ def same_connectivity(a: TriangleMesh, b: TriangleMesh) -> PointMap:
     """Return the map that takes each vertex of B to the vertex of A with the same number.
 
     Both meshes must have the same faces. Their order, first corners and orientation may differ.
-    AbfmError if the numbers of vertices differ, or a face connects other vertices.
+    Raises AbfmError if the numbers of vertices differ, or a face connects other vertices.
     """
     difference = _difference(a, b)
     if difference:

@@ -27,8 +27,8 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
     - Two columns: pairs of a vertex of A and a vertex of B, counted from 0 (in .vts files from 1).
       The pairs are landmarks, unless every vertex of B is in exactly one pair.
 
-    AbfmError if the file cannot be read or has another content. The message names the first wrong
-    line.
+    Raises AbfmError if the file cannot be read or has another content. The message names the first
+    wrong line.
     """
     table = read_map_table(path, b)
     columns = table.shape[1]

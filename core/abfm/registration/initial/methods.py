@@ -52,7 +52,7 @@ def initial_map(initial: object, given: MapInput) -> Initial:
 
     None means ``"auto"``, the best of all candidates that apply. Discontinuous maps are made
     continuous if neither surface has handles (`abfm.maps.continuous_map`). A given map is not
-    changed. AbfmError if the method is unknown or does not apply to the surfaces.
+    changed. Raises AbfmError if the method is unknown or does not apply to the surfaces.
     """
     if isinstance(initial, PointMap):
         initial = Correspondence(initial)

@@ -62,8 +62,8 @@ class SpectralSearch:
     One or two ``landmarks`` help to choose between maps; three or more also determine a start of
     the search. ``functions``, (V_A,) or (V_A, C) and (V_B,) or (V_B, C), have equal values at
     corresponding points. The attribute ``maps`` has functional maps (k, k) in the first
-    eigenfunctions of the meshes, or of coarser meshes. AbfmError if a mesh has too few vertices, or
-    a function does not fit its mesh.
+    eigenfunctions of the meshes, or of coarser meshes. Raises AbfmError if a mesh has too few
+    vertices, or a function does not fit its mesh.
     """
 
     maps: list[FloatArray]

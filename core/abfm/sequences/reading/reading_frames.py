@@ -93,7 +93,7 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     The argument is an input of `abfm.functions.as_values` with a column for each frame, a list of
     frames, or the name of a file. In pandas objects, either rows or columns are vertices. The axis
     of the vertices has as many entries as the mesh or its file has vertices. If several axes have
-    this size, the second one is used, with a note. FunctionError if the values are not real
+    this size, the second one is used, with a note. Raises FunctionError if the values are not real
     numbers, or do not fit the mesh.
     """
     if isinstance(given, str | os.PathLike):

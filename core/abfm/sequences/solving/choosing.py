@@ -90,8 +90,8 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
     """Return the norm with the smallest residual on held-out patches, and sigma.
 
     The patches are in a few intervals. Sigma is the largest one that, with this norm, explains
-    nearly as much as the best sigma. Given parameters are not changed. ParameterError if sigma is
-    not given, and there are too few vertices to hold any out.
+    nearly as much as the best sigma. Given parameters are not changed. Raises ParameterError if
+    sigma is not given, and there are too few vertices to hold any out.
     """
     choice_input, candidates = _ChoiceInput(frames, given, levels), norms(given)
     given_norm = Norm(given.order, given.alpha)

@@ -155,7 +155,7 @@ def search_initial_map(
 ) -> Initial:
     """Return the best initial map of the given kinds and sides (1, or -1 for the mirror image).
 
-    AbfmError if no kind applies to the surfaces.
+    Raises AbfmError if no kind applies to the surfaces.
     """
     search = _Search(given)
     with step("comparing initial maps") as done:
