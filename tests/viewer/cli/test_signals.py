@@ -80,7 +80,7 @@ def output_after(process, number):
 
 def test_signal_keeps_the_best_field(tmp_path):
     process = start(*LONG, str(tmp_path / "m.npz"))
-    while "iteration 10 " not in process.stderr.readline():
+    while "iteration 10:" not in process.stderr.readline():
         assert process.poll() is None
     output, errors = output_after(process, signal.SIGTERM)
     assert "stopping" in errors
