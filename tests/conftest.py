@@ -22,7 +22,7 @@ _SLOW_TEST_NAMES = (
 )
 """Parts of the names of tests that take 10 seconds or more, the longest first."""
 _OBJECTS_PER_COLLECTION = 10_000
-# no deadline, since machines may be busy; each run draws new examples, with the same fixtures
+# examples of hypothesis share the fixtures of a test; no deadline, since machines may be busy
 _FIXTURES = [HealthCheck.function_scoped_fixture]
 settings.register_profile(
     "untimed", deadline=None, max_examples=50, suppress_health_check=_FIXTURES

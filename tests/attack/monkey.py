@@ -84,7 +84,7 @@ class Monkey(ExitStack):
         return Trial(seconds=time.process_time() - begin)
 
     def _fault(self, what):
-        self._faults[" ".join(what.split())] = None  # each one once, in their order
+        self._faults[" ".join(what.split())] = None  # an ordered set
 
     def _act(self, chance):
         """Do a random action; return its description, in brackets if its widget was missing."""
@@ -92,7 +92,7 @@ class Monkey(ExitStack):
         name = chance.choice(_ACTIONS)
         try:
             done = f"{name} {getattr(self, f'_{name}')(chance) or ''}".strip()
-        except (DriverError, FunctionError, IndexError):  # there is no choice
+        except (DriverError, FunctionError, IndexError):  # nothing to act on
             done = f"({name})"
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]

@@ -18,7 +18,7 @@ def test_markdown_aligns_cells():
     ]
 
 
-def test_decimals_of_missing_numbers():
+def test_missing_numbers_are_printed_as_none():
     assert decimals(0.12345) == "0.123"
     assert [decimals(value) for value in (None, float("inf"), float("nan"))] == 3 * ["none"]
 

@@ -16,7 +16,7 @@ def write(path, *meshes):
     return path
 
 
-def test_meshes_of_files_and_folders(tmp_path):
+def test_meshes_are_read_from_files_and_folders(tmp_path):
     small = BALL.normalized()
     write(tmp_path / "men/b.off", BALL, BALL.normalized())
     write(tmp_path / "men/a.ply", small)

@@ -40,7 +40,7 @@ def until(condition, session=None, seconds=30):
     """Wait until a condition holds, and update the session, if one is given, meanwhile."""
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, f"the condition was not met within {seconds} s"
         if session:
             session.update()
         time.sleep(0.002)

@@ -84,9 +84,9 @@ def some_clusters(mesh, kind):
 
 
 def check_partition(mesh):
-    """Check that labels are consecutive, clusters connected, and rates usual inside clusters.
+    """Check that labels are consecutive, clusters connected, and no rate is above the limit.
 
-    Each cluster of several vertices contains a vertex whose own rate is too large.
+    Each cluster of several vertices contains a vertex whose own rate is above it.
     """
     clusters = vertex_clusters(mesh)
     counts = np.bincount(clusters)
@@ -102,7 +102,7 @@ def check_partition(mesh):
 @pytest.mark.parametrize(
     "mesh", [*UNEVEN.values(), load_mesh(asset_path("human_fine_A.off"))], ids=[*UNEVEN, "fine"]
 )
-def test_clusters_are_connected_and_have_usual_rates(mesh):
+def test_clusters_are_connected_and_have_small_rates(mesh):
     check_partition(mesh)
 
 

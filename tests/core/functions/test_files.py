@@ -203,7 +203,7 @@ def test_pairs_are_swapped(tmp_path, name, first):
     assert_array_equal(through(tmp_path / name), SWAP_VALUES)
 
 
-def test_symmetry_of_a_template(tmp_path):
+def test_symmetry_of_listed_vertices_is_extended_to_all(tmp_path):
     points = np.random.default_rng(3).permutation(len(SWAP))[: len(SWAP) * 3 // 4]
     save(tmp_path / "a.vts", points + 1)
     save(tmp_path / "a.sym.vts", SWAP[points] + 1)
@@ -388,7 +388,7 @@ def test_map_memory_is_bounded_for_large_files(tmp_path):
     assert python(FAR_NUMBERS, *(tmp_path / f"{name}.npy" for name in arrays)).stderr == ""
 
 
-def test_mesh_with_vertex_numbers():
+def test_given_vertex_numbers_equal_those_of_a_file():
     complete = with_loose_vertex(TINY)
     ids = np.delete(np.arange(SIZE + 1), 5)
     again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, SIZE + 1))

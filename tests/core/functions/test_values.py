@@ -208,7 +208,7 @@ def test_shape_diameter_is_the_thickness():
     assert_allclose(function(mesh, "shape-diameter")[middle], exact, rtol=1e-5)
 
 
-def test_shape_diameter_without_rays():
+def test_shape_diameter_needs_a_ray_that_hits_the_surface():
     f = function(open_cylinder(30, 10, height=1.0), "shape-diameter")
     assert f.min() > 1
     assert f.max() < 3

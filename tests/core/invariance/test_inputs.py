@@ -189,7 +189,7 @@ def outcome_of(call):
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_equal_constant_and_distant_functions(options):
+def test_verdicts_fit_equal_constant_and_distant_functions(options):
     for f, kind in ((F, "matched"), *((f, "impossible") for f in (ZEROS, ZEROS + 3, -0.0 * F))):
         match = matched(f, f, **options)
         assert (match.residual, match.verdict.kind, match.velocity.any()) == (0, kind, False)
@@ -256,7 +256,7 @@ def ends():
 
 
 @pytest.mark.parametrize(("name", "value"), ends(), ids=str)
-def test_every_parameter_at_its_bounds(name, value):
+def test_parameters_at_their_bounds_are_used_or_refused(name, value):
     bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
     if (name, value) == ("segments", 1000):
         value = 20  # 1000 segments would take seconds

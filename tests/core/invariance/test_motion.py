@@ -200,7 +200,7 @@ def test_flat_surfaces_have_curvature_0(mesh, move, far):
 )
 @examples(4)
 @given(move=MOVES)
-def test_shape_diameter_with_equal_edges(mesh, move):
+def test_shape_diameter_moves_with_a_mesh_of_equal_edges(mesh, move):
     found, expected = (abfm.function(m, "shape-diameter") for m in (move.mesh(mesh), mesh))
     assert_alike(found, move.function(mesh, expected, 1), SOLVES)
 

@@ -99,5 +99,5 @@ def test_invalid_names_are_refused(source, given, named):
         *(("upright.off", None), ("hemi-X_L.gii", None)),
     ],
 )
-def test_hemisphere_of_names(name, side):
+def test_hemisphere_is_read_from_the_name(name, side):
     assert hemisphere(name) == side

@@ -119,7 +119,7 @@ def test_holes_are_preserved():
     assert ((sphere_b - sphere_a) ** 2).sum() < 0.5 * (off**2).sum()
 
 
-def test_maps_onto_the_mirror_image(bent):
+def test_map_onto_the_mirror_image_becomes_continuous(bent):
     """A mirrored map preserves the orientation as a map onto the mirrored surface."""
     a, _ = bent
     mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])

@@ -128,7 +128,7 @@ def test_transfer_agrees_with_the_point_map(isometric):
     assert_allclose(spectral_coefficients(mesh, basis(mesh, 5) @ weights, 5), weights)
 
 
-def test_refinement_by_points_of_the_surface(isometric):
+def test_refinement_by_sampled_points_finds_the_isometry(isometric):
     """Points spread by area suffice, although eigenfunctions are not orthonormal there."""
     a, b, truth = isometric
     some = points_by_area(a, 500)
@@ -161,7 +161,7 @@ def test_rotation_flow_has_the_characters_of_rotations():
     assert_allclose(C[1:4, 4:], 0, atol=0.01)
 
 
-def test_functional_map_of_a_match():
+def test_functional_map_of_a_match_transfers_coefficients():
     mesh, weights = ellipsoid(2, 1, 1.3, 1.7), np.random.default_rng(5).normal(size=10)
     found = match_of(mesh, [-1.0, -0.5, 0.0], 1.0)
     assert_allclose(found.functional_map(10, 0.0), np.eye(10), atol=1e-9)

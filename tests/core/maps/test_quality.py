@@ -37,7 +37,7 @@ def test_errors_in_the_plane_are_euclidean():
     assert_array_equal(errors_of(mesh, target, target), 0)
 
 
-def test_errors_of_points_inside_faces():
+def test_errors_of_points_inside_faces_are_distances():
     mesh = square(8)
     places = np.random.default_rng(1).uniform(0, 1, (len(mesh.vertices), 3)) * [1, 1, 0]
     points = PointMap.project(mesh, mesh, places)
@@ -116,7 +116,7 @@ def test_isometries_have_no_faults():
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
-def test_distances_from_the_surface_in_any_unit(unit):
+def test_distances_from_the_surface_do_not_depend_on_unit(unit):
     flat = square(8)
     mesh, off = TriangleMesh(2 * unit * flat.vertices, flat.faces), np.linspace(0, 0.3, 81)
     moved = mesh.vertices + 2 * unit * np.outer(off, [0, 0, 1])
@@ -128,7 +128,7 @@ def test_distances_from_the_surface_in_any_unit(unit):
     assert "folded" not in found.faults
 
 
-def test_folds_of_reflections_and_moved_vertices():
+def test_reflection_folds_all_faces_and_a_moved_vertex_few():
     mirrored = map_quality(PointMap.project(RING, RING, RING.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12

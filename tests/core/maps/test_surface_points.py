@@ -145,7 +145,7 @@ def test_pull_back_is_linear_and_has_a_matrix():
     assert_allclose(found.distances, expected, rtol=1e-14)
 
 
-def test_point_map_from_faces_and_weights():
+def test_point_map_is_determined_by_faces_and_weights():
     mesh = icosphere(1)
     identity = PointMap.of_vertices(mesh, mesh)
     again = PointMap(mesh, mesh, identity.faces, identity.barycentric)
@@ -216,7 +216,7 @@ def test_maps_of_a_rotating_sphere_have_order_two():
     assert max(errors[1][3:]) < 0.03
 
 
-def test_distortion_of_rotations_and_collapses():
+def test_only_collapsed_faces_have_infinite_distortion():
     mesh = icosphere(3)
     found = chord_distortion(mesh, rotated(mesh.vertices, 1.0))
     for values in (found.singular_values, found.area, found.conformal):
@@ -249,7 +249,7 @@ def test_distortion_of_a_linear_map_of_the_plane(matrix):
         assert (found.flipped == (np.linalg.det(matrix) < 0)).all()
 
 
-def test_points_by_area_integrate_functions():
+def test_means_over_points_by_area_are_integrals():
     mesh = square(9)
     points = points_by_area(mesh, 1000).positions
     expected = vertex_areas(mesh) @ mesh.vertices / vertex_areas(mesh).sum()

@@ -57,7 +57,7 @@ def test_symmetric_meshes_have_exact_involutions(name, kind):
     ("mesh", "order"),
     [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)],
 )
-def test_rotations_of_higher_order(mesh, order):
+def test_rotations_of_higher_order_are_found(mesh, order):
     exact(mesh, "rotation", order)
 
 
@@ -117,7 +117,7 @@ def test_noise_hardly_moves_the_plane(level, seed):
     assert (found.error > 0.1 * level) or level < 1e-6
 
 
-def test_mirror_of_the_shape_but_not_of_the_mesh():
+def test_mirror_of_a_shape_with_asymmetric_mesh_is_found():
     turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
     turned = turn.apply(shapes.sphere(3).vertices.copy()) * [1, 0.7, 0.5]
     found = detect_symmetry(TriangleMesh(turned, shapes.sphere(3).faces), "mirror")

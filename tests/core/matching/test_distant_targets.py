@@ -204,7 +204,7 @@ def test_start_that_misses_the_target_begins_a_search():
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0, 1}
     assert seen[0].reach == p.solver.reach
-    # the search begins with the start
+    # the search begins with the given field
     assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
     assert match.residual < 0.15
 

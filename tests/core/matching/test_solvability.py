@@ -393,7 +393,7 @@ def test_resolution_is_that_of_the_narrowest_feature():
     assert fine > 2 * coarse
 
 
-def test_resolution_of_jumps_and_constants():
+def test_jumps_have_resolution_one_half_and_constants_infinity():
     assert resolution(BALL, (BALL.vertices[:, 2] > 0.1).astype(float)) == 0.5
     flat = np.full(len(BALL.vertices), 3.3)
     noise = 1e-12 * np.random.default_rng(0).normal(size=len(flat))

@@ -103,7 +103,7 @@ def test_bad_file_error_begins_with_its_name(tmp_path, name):
     assert not re.search("invalid literal|could not convert|base 10|codec", str(caught.value))
 
 
-def test_missing_file_and_folder(tmp_path):
+def test_missing_files_and_folders_are_refused(tmp_path):
     with raises(MeshError, "none.obj"):
         load_mesh(tmp_path / "none.obj")
     (tmp_path / "folder.obj").mkdir()

@@ -199,7 +199,7 @@ def test_other_hemisphere_is_refused(tmp_path):
         load_mesh(path, hemisphere="L")
 
 
-def test_largest_component_of_a_file(tmp_path):
+def test_largest_component_is_read_only_on_request(tmp_path):
     small, sphere = tetrahedron(), icosphere(1, radius=3)
     vertices = np.concatenate([small.vertices + 20, sphere.vertices])
     faces = np.concatenate([small.faces, sphere.faces + 4])
@@ -367,7 +367,7 @@ def test_triangles_cover_a_simple_polygon_once(make, seed, count):
 
 
 @given(seed=seeds, count=st.integers(4, 40))
-def test_convex_polygons_are_fans(seed, count):
+def test_convex_polygons_are_split_into_fans(seed, count):
     random = np.random.default_rng(seed)
     angle = np.cumsum(random.uniform(0.2, 1, count))
     angle *= 2 * np.pi / (angle[-1] + 0.2)

@@ -269,7 +269,7 @@ def test_mean_is_closer_than_plain_mean(population):
     assert error(population.mean("label"), label) < error(population.plain_mean("label"), label)
 
 
-def test_held_out_channel_improves(population):
+def test_alignment_improves_a_held_out_channel(population):
     before, after = population.scores("label")[:5].T
     assert (after[:4] > before[:4]).all()
     assert population.scores("label") == pytest.approx(population.scores(1))
@@ -555,7 +555,7 @@ def test_spectral_initial_maps_need_no_functions(tmp_path):
     assert np.std(found.mean() - height(ball.vertices)) < 0.1 * np.std(height(ball.vertices))
 
 
-def test_heavier_channel_is_matched(tmp_path):
+def test_channel_of_larger_weight_is_aligned(tmp_path):
     place, still = Place(tmp_path), pushed(FIELDS["still"], height)
     for name in ("plus", "minus"):
         place.add(name, pushed(FIELDS[name], height), pushed(-FIELDS[name], label))

@@ -115,7 +115,7 @@ def test_phase_and_amplitude_add_up_to_variance():
     assert part.phase + part.amplitude == pytest.approx(part.total)
 
 
-def test_shifts_are_phase_only():
+def test_variance_of_shifts_is_only_phase():
     """Waves shifted by plus and minus s have variance ``1/2 sin(s)^2``, 0 after alignment."""
     shift = 0.4
     x = np.stack([np.sin(ANGLES + shift), np.sin(ANGLES - shift)])
@@ -126,7 +126,7 @@ def test_shifts_are_phase_only():
     assert part.factor == pytest.approx(1)
 
 
-def test_heights_are_amplitude_only():
+def test_variance_of_heights_is_only_amplitude():
     x = np.outer([0.5, 1.0, 1.5], np.sin(ANGLES))
     part = phase_and_amplitude(moments(x), moments(x), np.ones(400))
     assert part.amplitude == pytest.approx(part.total) == pytest.approx(0.5 * np.var([0.5, 1, 1.5]))

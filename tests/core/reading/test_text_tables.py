@@ -126,7 +126,7 @@ def test_numbers_round_trip(rows, separator, mark, encoding):
     assert_array_equal(found, [[float(f"{x:.4f}") for x in row] for row in rows])
 
 
-def test_rows_of_words_and_numbers():
+def test_decimal_commas_in_rows_are_numbers():
     table = rows_of('name;place\n"a;b";1,5\n\n', comments="#")
     assert [*table.cells] == [["name", "place"], ["a;b", "1,5"]]
     assert table.number("1,5") == table.number("1.5") == 1.5

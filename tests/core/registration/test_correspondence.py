@@ -75,7 +75,7 @@ def test_labels_are_not_averaged():
         found.transfer_labels(linear(FINE))
 
 
-def test_labels_of_series_and_masked_arrays():
+def test_labels_may_be_series_or_masked_arrays():
     found = spheres(FINE, COARSE)
     labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
     expected = found.transfer_labels(labels)
@@ -170,7 +170,7 @@ def test_constant_map_has_no_inverse():
         _ = point.back
 
 
-def test_map_by_equal_faces():
+def test_equal_faces_give_a_map_by_vertex_numbers():
     wavy = TriangleMesh(FINE.vertices * (1 + 0.1 * np.sin(5 * FINE.vertices[:, :1])), FINE.faces)
     found = Correspondence.of_same_faces(wavy, FINE)
     assert_array_equal(found.transfer(linear(wavy)), linear(wavy))

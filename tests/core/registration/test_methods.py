@@ -39,7 +39,7 @@ def pairs(count=4, seed=0):
     return on_a, on_b
 
 
-def test_registration_by_landmarks_only(tmp_path):
+def test_landmarks_alone_determine_a_registration(tmp_path):
     on_a, on_b = pairs()
     found = register(EVEN_BALL, BALL, initial="sphere", landmarks=(on_a, on_b))
     assert found.landmark_errors.max() < 0.005
@@ -54,7 +54,7 @@ def test_registration_by_landmarks_only(tmp_path):
     assert_allclose(again.landmark_errors, found.landmark_errors, atol=1e-9)
 
 
-def test_spheres_from_files_for_repaired_surfaces(tmp_path):
+def test_spheres_in_files_fit_repaired_surfaces(tmp_path):
     """A file of spheres may have both hemispheres, and one vertex for each corner of a face."""
     corners = BALL.vertices[BALL.faces.ravel()]
     faces = np.arange(2 * BALL.faces.size).reshape(-1, 3)

@@ -186,7 +186,7 @@ def test_residual_of_the_complete_map_counts(found):
 @pytest.mark.parametrize(
     ("noise", "kind"), [(0.0, "matched"), (0.1, "nearly"), (1.0, "not reached")]
 )
-def test_verdict_of_the_complete_map(noise, kind):
+def test_verdict_is_that_of_the_complete_map(noise, kind):
     heights = B.vertices[:, 2]
     match = abfm.match(B, heights, heights, Parameters.of(iterations=1, refine=0))
     assert match.verdict.kind == "matched"
@@ -286,7 +286,7 @@ def test_no_flow_if_the_initial_map_exceeds_the_bound():
 
 @pytest.mark.parametrize("vertices", [[0, 0, 0], [0, OPPOSITE, 0]])
 @pytest.mark.parametrize("side", [0, 1])
-def test_landmarks_that_determine_no_rotation(vertices, side):
+def test_undetermined_rotation_is_omitted_with_a_note(vertices, side):
     sides = [vertices, [3, 5, 8]]
     pairs = np.stack(sides if side == 0 else sides[::-1], axis=1)
     prepared = prepare(B, B, landmarks=pairs, initial="sphere")

@@ -128,7 +128,7 @@ def test_sampling_agrees_with_scipy(places, width, height, modes):
         assert_allclose(found, np.transpose(expected), atol=1e-6)
 
 
-def test_image_of_each_face_and_tints_of_corners():
+def test_faces_have_their_own_images_and_tints():
     mesh = tetrahedron()
     images = [np.full((2, 3, 4), level, dtype=np.uint8) for level in (40, 80, 160)]
     tints = np.ones((4, 3, 4))

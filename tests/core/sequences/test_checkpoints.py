@@ -1,4 +1,4 @@
-"""Sequences whose runs are killed, and resume."""
+"""Runs of sequences that are killed and resumed."""
 
 import numpy as np
 import pytest

@@ -126,10 +126,10 @@ def test_three_uneven_frames_have_one_to_hold_out():
     assert found.motion_share > 0.9
 
 
-def test_distant_neighbours_are_no_evidence():
-    """Held-out frames do not reject motion by 12 of the 16 edges of a wave.
+def test_too_distant_frames_do_not_refute_motion():
+    """Held-out frames do not refute a wave of 16 edges that moves 12 edges between frames.
 
-    Their neighbours are 24 edges away, which looks like 8 edges backwards.
+    The frames next to a held-out one are 24 edges apart, which looks like 8 edges backwards.
     """
     frames, _ = rotating_pattern(MESH, 1.2, 5, lambda p: (p[:, 0] + 1j * p[:, 1]) ** 3)
     found = abfm.sequence(MESH, np.stack([frames.real, frames.imag], axis=2), parameters=SETTINGS)

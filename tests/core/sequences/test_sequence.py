@@ -197,7 +197,7 @@ def test_given_frames_are_not_changed():
     assert np.isfinite(check_frames(mesh, given, None, None, None).values).all()
 
 
-def test_interpolated_frames(pattern, found):
+def test_interpolated_frames_are_closer_than_the_blend(pattern, found):
     frames, _ = pattern
     assert_array_equal(found.at(0), frames[0])
     assert_array_equal(found.at(3), frames[3])
@@ -210,7 +210,7 @@ def test_interpolated_frames(pattern, found):
             found.at(t)
 
 
-def test_interval_is_a_match(found):
+def test_match_of_an_interval_agrees_with_the_sequence(found):
     match = found[1]
     assert match.residual == found.residual[1]
     assert match.velocity[0] is not None

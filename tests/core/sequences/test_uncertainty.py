@@ -98,7 +98,7 @@ def test_covariances_are_tensors_of_the_tangent_plane():
     assert_allclose(there.covariances, expected, rtol=1e-6, atol=1e-12)
 
 
-def test_uncertainty_of_constant_and_equal_frames():
+def test_constant_frames_are_uncertain_and_equal_ones_certain():
     constant = abfm.sequence(SPHERE, np.ones((3, len(SPHERE.vertices))), parameters=SETTINGS)
     assert np.isinf(constant.uncertainty).all()
     assert_array_equal(constant.determined, 0)

@@ -111,7 +111,7 @@ def test_atlas_is_independent_of_units_and_cached():
     assert texture_atlas(mesh, 128) is not texture_atlas(mesh, 129)
 
 
-def test_atlas_of_half_a_million_faces():
+def test_half_a_million_faces_have_their_own_texels():
     mesh = square(500)
     atlas = texture_atlas(mesh, 2000)
     assert len(np.unique(atlas.texel_faces)) == 500_000

@@ -83,7 +83,7 @@ def test_page_has_the_worst_first_and_pictures(solved):
     assert len(list((solved / "out" / "pictures").iterdir())) == 2
 
 
-def test_status_of_a_table_and_of_a_folder(solved, abfm):
+def test_status_counts_rows_of_a_table_or_folder(solved, abfm):
     page = (solved / "out" / "summary.html").read_bytes()
     status = "batch --status {f}/out"
     by_folder = json.loads(abfm(f"{status} --json --quiet", f=solved, status=4).out)
@@ -220,7 +220,7 @@ def test_waiting_for_a_cluster_is_reported(capsys):
     assert capsys.readouterr().err.splitlines() == expected
 
 
-def test_machine_that_cannot_draw(solved, abfm, monkeypatch):
+def test_pictures_are_added_when_the_machine_can_draw(solved, abfm, monkeypatch):
     for picture in (solved / "out" / "pictures").iterdir():
         picture.unlink()
     with monkeypatch.context() as patched:

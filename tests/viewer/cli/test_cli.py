@@ -338,7 +338,7 @@ def test_match_takes_a_mask_and_a_start(tmp_path, abfm, result):
     check_message(abfm(other, result=result, status=2).err)
 
 
-def test_info_of_a_mesh_and_its_symmetries(abfm):
+def test_info_has_counts_and_symmetries_of_a_mesh(abfm):
     text = abfm("info {eight}").out
     for word in ("315", "634", "951", "genus         2", "none (closed)", "no defects"):
         assert word in text
@@ -458,7 +458,7 @@ def test_render_refuses_useless_options(words, named, result, tmp_path, abfm):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_render_without_a_result(project, tmp_path, abfm):
+def test_render_draws_an_unsolved_match_only_as_a_picture(project, tmp_path, abfm):
     document, known = load_project(project)
     save_project(tmp_path / "unsolved.abfm", replace(document, result=None), known)
     line = "render {t}/unsolved.abfm --out {t}/a"

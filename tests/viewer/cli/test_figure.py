@@ -97,7 +97,7 @@ def test_matches_are_solved_once_by_a_batch(small, tmp_path, abfm, monkeypatch):
     assert described(tmp_path) == before
 
 
-def test_figure_on_another_mesh(small, tmp_path, abfm):
+def test_figures_use_another_mesh_if_it_fits(small, tmp_path, abfm):
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(tmp_path / "long.off")
     sizes = []
     for up in ("y", "z"):

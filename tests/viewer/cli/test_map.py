@@ -26,7 +26,7 @@ def rotation(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("map") / "rotation.npz", mesh, velocity, "expression:-x")
 
 
-def test_map_of_a_rotation_and_its_errors(rotation, tmp_path, abfm):
+def test_map_of_a_rotation_has_no_folds_and_small_errors(rotation, tmp_path, abfm):
     for name in ("map.txt", "map.npy"):
         output = abfm(f"map {{r}} --out {{t}}/{name}", r=rotation)
         areas, folded = output.out.splitlines()[0], line_with(output.out, "1280")

@@ -185,7 +185,7 @@ def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
     assert {row["name"] for row in output["rows"]} == set(found.names)
 
 
-def test_info_of_a_population(abfm, folder, facts, found):
+def test_info_of_a_population_has_the_facts_of_its_run(abfm, folder, facts, found):
     path = folder / "out" / "population.npz"
     again = json.loads(abfm("info {p} --json", p=path).out)
     assert again.pop("result") == str(path)
@@ -199,7 +199,7 @@ def test_info_of_a_population(abfm, folder, facts, found):
     check_message(abfm("render {p} --out {t}/p.png", p=path, status=2).err)
 
 
-def test_subject_that_cannot_be_registered(abfm, folder):
+def test_failed_subject_is_noted_and_excluded(abfm, folder):
     lines = (folder / "table.csv").read_text().splitlines()[:3]
     (folder / "few.csv").write_text("\n".join([*lines, "gone,file:gone.npy,,"]))
     line = LINE.replace("table", "few").replace("/out", "/few")

@@ -204,7 +204,7 @@ def test_points_off_the_surface_are_noted(tmp_path, apply):
             assert output == ""
 
 
-def test_accuracy_of_a_map_between_surfaces(tmp_path, abfm):
+def test_map_command_measures_errors_between_surfaces(tmp_path, abfm):
     a, b = (load_mesh(MESHES[f"human_{pose}"]) for pose in "AB")
     count = len(a.vertices)
     Correspondence.of_same_faces(a, b).save(tmp_path / "c.npz")

@@ -100,7 +100,7 @@ def test_json_has_the_parameters_of_a_sequence(files, tmp_path, abfm):
     assert facts["speed"]["maximum"] == np.linalg.norm(found.velocity, axis=2).max()
 
 
-def test_sheet_of_a_sequence(files, tmp_path, abfm):
+def test_pictures_of_a_sequence_show_its_times(files, tmp_path, abfm):
     for name in ("0", "0.1"):
         abfm(f"render {{f}}/s.npz --out {{t}}/{name}.png --size 450x250 --time={name}", f=files)
     one, other = (

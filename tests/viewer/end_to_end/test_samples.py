@@ -45,7 +45,7 @@ def wait(gui, condition, seconds=60):
     """Wait with few frames, which take time from the computation."""
     end = time.monotonic() + seconds
     while not condition(gui.session):
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, "the condition was not met in time"
         time.sleep(0.1)
         gui.frames(1)
 

@@ -91,7 +91,7 @@ def test_copy_is_written_when_due_and_changed(autosave, clock):
         (19, DOCUMENT, ""),
         (21, DOCUMENT, "sphere"),
         (42, DOCUMENT, ""),  # nothing changed
-        (61, CHANGED, ""),  # not yet
+        (61, CHANGED, ""),  # not due yet
         (63, CHANGED, "changed"),
     ):
         autosave.path.unlink(missing_ok=True)

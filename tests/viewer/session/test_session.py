@@ -307,7 +307,7 @@ def test_the_speed_is_in_units_of_tau_per_four_seconds(speed):
     assert times[-1] == pytest.approx(TAU / 2)
 
 
-def test_once_stops_at_the_end_and_plays_again_from_the_start():
+def test_playing_once_stops_at_the_end_and_restarts():
     player = playing("once")
     times = played(player, 0.0, 2 * SECONDS)
     assert (player.playing, times[-1], max(times)) == (False, TAU, TAU)
@@ -318,7 +318,7 @@ def test_once_stops_at_the_end_and_plays_again_from_the_start():
     assert played(playing("once", beyond=True), 0.0, 3 * SECONDS)[-1] == END
 
 
-def test_loop_never_leaves_its_range():
+def test_looped_times_never_leave_their_range():
     times = played(playing("loop"), 0.0, 3 * SECONDS)
     assert min(times) == 0
     assert max(times) <= TAU

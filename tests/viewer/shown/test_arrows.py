@@ -201,7 +201,7 @@ def test_spacing_in_pixels_does_not_depend_on_size():
     assert arrow_spacing(0.0, 1e-9) < 1
 
 
-def test_eye_sees_more_arrows_than_without_one():
+def test_more_arrows_are_visible_if_the_eye_is_known():
     whole, style = np.zeros(2), ArrowStyle(1.0, 0.12, fast=1e-9)
     for seed in range(3):
         eye = Eye(axes(seed))

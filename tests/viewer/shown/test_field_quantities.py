@@ -267,7 +267,7 @@ def test_earlier_field_is_shown_again_at_once(session, shown, held):
     assert not np.array_equal(shown.quantities.field().velocity, field.velocity)
 
 
-def test_unit_of_speed_of_a_sequence():
+def test_huge_speeds_are_in_square_roots_of_area():
     mesh, unit = icosphere(1), "the mesh's unit per second"
     velocity = np.ones((len(mesh.faces), 3))
     speed = np.linalg.norm(velocity, axis=1)

@@ -140,7 +140,7 @@ def test_blend_and_transport_end_at_tau(session, shown, painter):
         np.testing.assert_array_equal(settled_transport(shown, painter).values, expected)
 
 
-def test_transport_shows_earlier_time_meanwhile(session, held, shown, painter):
+def test_earlier_transport_is_shown_during_a_computation(session, held, shown, painter):
     show(session, transport=True)
     session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)

@@ -76,7 +76,7 @@ def use_unfinished_text(gui, tmp_path):
     assert gui.session.parameters.tau == 3
     assert load_project(tmp_path / "first.abfm")[0].parameters.tau == 3
     gui.type("iterations", "7", enter=False)
-    gui.key("ctrl+z")  # of the box
+    gui.key("ctrl+z")  # undoes the typed text
     assert gui.session.parameters.tau == 3
     gui.type("iterations", "8", enter=False)
     gui.key("ctrl+enter")

@@ -32,7 +32,7 @@ CONSTANT = np.full(len(SPHERE.vertices), 0.3)
 
 
 def at(degrees, width=0.15, mesh=SPHERE):
-    """Return a Gaussian at this angle from the pole, or around an egg from its blunt side."""
+    """Return a Gaussian at this angle from the z axis, on the sphere or on the egg."""
     angle = np.deg2rad(degrees)
     if mesh is EGG:
         return bump(mesh, [np.sin(angle), 0, 0.55 * np.cos(angle)], width)

@@ -159,7 +159,7 @@ def test_path_ends_when_both_checks_reach_the_goal(goal):
     assert exact(goal=goal / 2)[0].path[-1].sigma <= end.sigma
 
 
-def test_best_step_by_larger_residual_is_selected():
+def test_step_whose_larger_residual_is_least_is_selected():
     match, _ = exact(0.07, 30)
     residuals = [worse(step) for step in match.path]
     assert min(residuals) > match.parameters.goal

@@ -66,8 +66,8 @@ class PlainNorm:
         return momentum / self.areas
 
 
-def both(**parameters):
-    """Return a problem with functions, and a vertex whose value has a given origin."""
+def problem_with_origin(**parameters):
+    """Return a problem with functions and a term that moves the value of vertex 0 to 17."""
     term = Places(MESH, [17], MESH.vertices[[0]])
     return abfm.Problem(MESH, F, G, Parameters.of(**parameters), terms=(term,))
 
@@ -78,7 +78,7 @@ def test_derivative_is_exact(sigma, reach):
     channels = np.stack([F, 2 * G], axis=1)
     terms = (
         FunctionTerm(MESH, channels, channels[:, ::-1], 1 + MESH.vertices[:, 2], [1.0, 2.5]),
-        both().terms[1],
+        problem_with_origin().terms[1],
     )
     for term in terms:
         measure, rng = term.measure(P, reach), np.random.default_rng(0)
@@ -90,7 +90,7 @@ def test_derivative_is_exact(sigma, reach):
 
 
 def test_terms_are_summed_and_advected_together():
-    problem = both()
+    problem = problem_with_origin()
     first, second = problem.terms
     terms, functions = DataTerms(problem.terms), np.concatenate([G[None], MESH.vertices.T])
     energies, derivative = terms.measure(P, 0.0).energies_and_derivative(functions, 0.1)
@@ -110,10 +110,10 @@ def test_terms_are_summed_and_advected_together():
 
 
 def test_second_term_has_exact_gradient_and_matches():
-    energy = MatchingEnergy(both(alpha=0.05, sigma=0.1))
+    energy = MatchingEnergy(problem_with_origin(alpha=0.05, sigma=0.1))
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
     changes, iterations = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
-    found = abfm.match(both(**changes), on_iteration=iterations.append)
+    found = abfm.match(problem_with_origin(**changes), on_iteration=iterations.append)
     alone = abfm.match(MESH, F, G, Parameters.of(**changes))
     assert all(list(now.term_energies) == ["closeness", "places"] for now in iterations)
     assert all(sum(now.term_energies.values()) == now.mismatch_energy for now in iterations)

@@ -47,7 +47,7 @@ def test_pairs_of_vertices_are_read(read, text):
     assert (len(found), found.names, found.weights.tolist()) == (2, ("0", "1"), [1, 1])
 
 
-def test_named_columns_of_names_and_weights(read):
+def test_columns_of_names_and_weights_are_read(read):
     found = read("name,left,right,Weight\nnose,5,9,2.5\n,7,8,\n")
     assert (found.names, found.weights.tolist()) == (("nose", "1"), [2.5, 1])
     assert_allclose(found.b.positions, B.vertices[[9, 8]], atol=1e-12)

@@ -25,7 +25,7 @@ def saved(path, array):
 
 @pytest.mark.parametrize("suffix", ["npy", "csv", "txt", "vts", "map"])
 @pytest.mark.parametrize("first", [0, 1])
-def test_vertex_maps_in_every_format(tmp_path, suffix, first):
+def test_vertex_maps_are_read_from_every_format(tmp_path, suffix, first):
     some = np.append(LIST[:-1], 0 if first == 0 else COUNT - 1)
     found = map_from_file(A, B, saved(tmp_path / f"m.{suffix}", some + first))
     assert (found.domain, found.codomain) == (B, A)
@@ -52,7 +52,7 @@ def test_numbers_are_those_of_the_mesh_files(tmp_path):
 
 
 @pytest.mark.parametrize("first", [0, 1])
-def test_faces_and_rounded_weights(tmp_path, first):
+def test_rounded_weights_are_normalized(tmp_path, first):
     faces = np.append(RNG.integers(0, len(A.faces), FEW - 1), 0 if first == 0 else 319)
     weights = RNG.dirichlet(np.ones(3), FEW)
     table = np.column_stack([faces + first, weights.round(4)])

@@ -195,7 +195,7 @@ def test_spheres_of_both_hemispheres_are_mirrored():
     assert found.candidates[0].name == "sphere:mirror"
 
 
-def test_mirror_image_with_boundary():
+def test_mirror_image_with_a_boundary_is_found():
     body = shapes.five_limbs(300)
     upper = body.faces[body.vertices[body.faces, 2].mean(axis=1) > -0.3]
     half = TriangleMesh(body.vertices, upper, largest_component=True)

@@ -157,7 +157,7 @@ def hints(mesh, vertices, k):
     return vertex_points(mesh, vertices).positions / mesh.length_scale, rows
 
 
-def test_functional_map_by_descriptors_and_landmarks():
+def test_descriptors_and_landmarks_determine_an_isometry():
     b, order, _ = renumbered(BODY, 1)
     on_a = np.array([3, 50, 100, 166])
     (places, rows_a), (_, rows_b) = hints(BODY, on_a, 15), hints(b, np.argsort(order)[on_a], 15)
