@@ -85,7 +85,11 @@ def refusal(load, path):
     """Return the error message of loading a result or project: a short line with the path."""
     with pytest.raises(ResultError) as caught:
         load(path)
-    message = str(caught.value)
+    return message_of(caught.value, path)
+
+
+def message_of(error, path):
+    message = str(error)
     assert message.isprintable()
     assert len(message) <= 600
     assert str(path) in message

@@ -56,7 +56,7 @@ from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
 from abfm_viewer.session.sequence_files import circular_sequence
 from tests.core.reading import hostile
-from tests.core.reading.hostile import members, npy_of, refusal, rewrite
+from tests.core.reading.hostile import members, message_of, npy_of, refusal, rewrite
 from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
@@ -357,7 +357,10 @@ def put_in(number, place, new, *texts):
 
 
 def error_line(path):
-    message = refusal(load_project, path)
+    return with_advice(refusal(load_project, path))
+
+
+def with_advice(message):
     advice = ("use another copy", "upgrade abfm", "solve again", "rename it", "check the path")
     assert any(words in message.lower() for words in advice)
     return message
@@ -400,8 +403,8 @@ def test_changed_json_is_refused_or_opens(tmp_path, document):
         changed(path, partial(put_in, text, place, value))
         try:
             opened, known = load_project(path)
-        except ResultError:
-            error_line(path)
+        except ResultError as error:
+            with_advice(message_of(error, path))
             refused += 1
         else:
             save_project(path, opened, known)
