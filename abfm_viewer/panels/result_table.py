@@ -218,7 +218,6 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
-    """Draw an arrow at the right of a heading: down for descending order, otherwise up."""
     (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
     size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
     tip, base = (y + size, y - size) if falls else (y - size, y + size)

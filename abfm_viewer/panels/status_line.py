@@ -33,7 +33,6 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
-    """Return texts about mesh, size and frame rate, from the longest to the shortest."""
     name = abbreviated(session.document.name, room / 3, ui.text_width)
     sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
     size = f"{name}   {' and '.join(sizes)} vertices"

@@ -60,7 +60,6 @@ def pixels(path):
 
 
 def help_text(line, capsys):
-    """Return the output of a command line that exits after its help."""
     with pytest.raises(SystemExit) as ended:
         main(line.split())
     assert ended.value.code == 0

@@ -60,7 +60,6 @@ def test_little_memory_is_reported_before_loading():
 
 
 def start(*words):
-    """Start a command that can be interrupted, with its output in pipes."""
     return subprocess.Popen(
         [sys.executable, "-c", PROGRAM, *words],
         stdout=subprocess.PIPE,
@@ -71,7 +70,6 @@ def start(*words):
 
 
 def output_after(process, number):
-    """Send a signal, check the exit status, and return stdout and stderr."""
     process.send_signal(number)
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 128 + number

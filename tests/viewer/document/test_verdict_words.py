@@ -115,7 +115,6 @@ def test_smaller_residual_never_has_a_worse_verdict(found, pairs):
 
 @given(residual=RESIDUAL, verified=RESIDUAL | st.just(math.nan), kind=st.sampled_from(VERDICTS))
 def test_headline_share_is_at_least_both_residuals(found, residual, verified, kind):
-    """A headline has a residual only with the verdict that this residual gives."""
     match = judged(found, kind, residual, verified)
     expected = match.facts.headline
     if "%" in expected.split(",")[0]:
@@ -172,7 +171,6 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
 
 
 def test_unknown_numbers_are_omitted(found, iterations):
-    """A stage with a reach of 0 does not search at long range."""
     assert residual_text(found) == "0.0123, 0.03 along flow lines, 0.1% folded"
     assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))

@@ -61,7 +61,6 @@ def longest():
 
 
 def _states(gui):
-    """Bring the window from one state to the next."""
     session, player = gui.session, gui.session.player
     yield "start"
     session.editor.amend(parameters=ENDLESS)
@@ -152,7 +151,6 @@ def layouts():
 
 @pytest.fixture
 def drawn(layouts):
-    """Yield every widget with its layout and its place."""
     return [(widget, layout, where(layout)) for layout in layouts for widget in layout["widgets"]]
 
 
@@ -194,7 +192,6 @@ def test_no_widget_is_cut_off_at_the_side(layouts):
 
 
 def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
-    """Fixed widgets are visible; only below a verdict in large letters the column scrolls."""
     sliders = 0
     for widget, layout, place in drawn:
         inside = widget["section"].split("/")[0]
