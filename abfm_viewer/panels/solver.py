@@ -80,7 +80,6 @@ def draw_match(context: Context) -> None:
 def _draw_headline(
     context: Context, text: str, tone: TextTone, topics: Sequence[str], tip: str = ""
 ) -> None:
-    """Draw a headline about a result, and a button that explains its topics in a dialog."""
     ui = context.ui
     ui.note(text, tone, ui.remaining_width(HELP_LABEL))
     ui.tip(tip)
