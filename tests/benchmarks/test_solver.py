@@ -86,7 +86,7 @@ def test_watched_match_stops_below_an_energy():
     assert history[-1, 1] < 1e5 <= history[-2, 1]
 
 
-def test_iterations_and_cosines_by_mesh():
+def test_iterations_are_similar_on_a_finer_mesh():
     """Iterations hardly depend on the mesh; more substeps improve the bracket gradient."""
     problems = [sphere_problem(size, COOLING) for size in (3, 4)]
     found = [watched_match(problem, mismatch=MISMATCH) for problem in problems]

@@ -72,7 +72,7 @@ def test_targets_have_their_distances():
         assert low <= distances[there] / distances.max() <= high
 
 
-def test_no_descriptors_without_mirror_symmetry():
+def test_problems_by_descriptors_need_mirror_symmetry():
     x, y, z = BALL.vertices.T
     factors = (1 + 0.3 * np.sin(x + 2 * y + 0.5 * z))[:, None] * [1, 0.8, 0.6]
     uneven = TriangleMesh(BALL.vertices * factors, BALL.faces)

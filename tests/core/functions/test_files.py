@@ -67,7 +67,7 @@ def test_one_column_is_read_from_every_format(tmp_path):
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
-def test_columns_by_name_and_by_number(tmp_path, delimiter):
+def test_columns_are_chosen_by_name_or_number(tmp_path, delimiter):
     path = tmp_path / "a, (1) +.csv"
     write_text(path, delimiter.join(["area", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth"):

@@ -70,7 +70,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("labels")
 
 
-def test_label_function_by_name_or_key(tmp_path):
+def test_labels_are_chosen_by_name_or_key(tmp_path):
     path = write_gifti(tmp_path / "a.label.gii", [VALUES])
     for word, key in (("odd", -7), ("-7", -7), ('"pre central"', 3), ("3", 3), ("0", 0)):
         assert_array_equal(function(MESH, f"file:{path},label={word}"), key == VALUES)

@@ -239,7 +239,7 @@ def test_values_of_ply_files_are_read(tmp_path):
     assert_array_equal(value_of(path, ",column=x"), MESH.vertices[:, 0])
 
 
-def test_mesh_and_values_in_one_gifti(tmp_path):
+def test_values_are_read_from_a_gifti_with_a_mesh(tmp_path):
     """Values are read next to a mesh (CAT12, SPM); ``column=`` numbers all arrays of the file."""
     mesh = [("NIFTI_INTENT_POINTSET", MESH.vertices), ("NIFTI_INTENT_TRIANGLE", MESH.faces)]
     normals = [("NIFTI_INTENT_VECTOR", MESH.vertices)]

@@ -188,7 +188,7 @@ def folded_over(x):
     return np.abs(x * [2, 1, 1] - [1, 0, 0])
 
 
-def test_folded_shares_of_known_maps():
+def test_folded_shares_of_known_maps_are_exact():
     mesh, ball = square(6), icosphere(3)
     assert shares(mesh, by_positions(mesh, lambda x: x * [-1, 1, 1] + [1, 0, 0])) == (1, 1)
     assert shares(ball, by_positions(ball, lambda x: x * [-1, 1, 1])) == (1, 1)
@@ -211,7 +211,7 @@ def test_smooth_flows_fold_nothing(seed):
     assert folded < 0.05 * flipped
 
 
-def test_folded_share_of_sampled_faces():
+def test_folded_share_of_sampled_faces_is_accurate():
     mesh, sizes = square(30), []
     point_map = by_positions(mesh, folded_over)
 

@@ -63,20 +63,20 @@ def check_projection(mesh, points, unit=1.0):
     radii=arrays(float, 42, elements=st.floats(0.3, 2)),
     points=arrays(float, (12, 3), elements=st.floats(-3, 3)),
 )
-def test_closest_points_of_random_stars(radii, points):
+def test_closest_points_of_random_stars_are_exact(radii, points):
     sphere = icosphere(1)
     check_projection(TriangleMesh(sphere.vertices * radii[:, None], sphere.faces), points)
 
 
 @pytest.mark.parametrize("thickness", [1e-2, 1e-5, 1e-8])
-def test_closest_points_of_thin_triangles(thickness):
+def test_closest_points_of_thin_triangles_are_exact(thickness):
     flat = torus(9, 7)
     mesh = TriangleMesh(flat.vertices * [1, thickness, 0.3], flat.faces)
     points = np.random.default_rng(2).uniform(-1.5, 1.5, size=(40, 3))
     check_projection(mesh, points * [1, thickness**0.5, 0.5])
 
 
-def test_closest_points_of_a_body():
+def test_closest_points_of_a_body_are_exact():
     mesh = load_mesh(asset_path("human_A.off"))
     some = mesh.vertices[::20]
     noise = 0.05 * mesh.length_scale * np.random.default_rng(5).normal(size=some.shape)
@@ -236,7 +236,7 @@ def test_only_collapsed_faces_have_infinite_distortion():
 
 @settings(max_examples=40, derandomize=True)
 @given(matrix=arrays(float, (2, 2), elements=st.floats(-3, 3)))
-def test_distortion_of_a_linear_map_of_the_plane(matrix):
+def test_distortion_of_a_linear_map_has_its_singular_values(matrix):
     mesh = square(3)
     mapped = mesh.vertices.copy()
     mapped[:, :2] = mapped[:, :2] @ matrix.T

@@ -25,7 +25,7 @@ def test_unknown_asset_suggests_a_similar_name():
         asset_path("../pyproject.toml")
 
 
-def test_missing_file_with_the_name_of_an_asset(tmp_path):
+def test_missing_file_error_names_the_asset_of_its_name(tmp_path):
     with raises(MeshError, "eight.off", str(asset_path("eight.off"))):
         load_mesh(tmp_path / "eight.off")
 

@@ -257,7 +257,7 @@ def test_layer_changes_colors_and_color_bar(open_page):
     ],
     ids=["outside", "inside", "inside out"],
 )
-def test_sides_of_open_and_closed_surfaces(open_page, mesh, front):
+def test_side_that_faces_the_viewer_is_visible(open_page, mesh, front):
     value = np.where(mesh.vertices[:, 2] < -1e-9, 0.2, 0.9)
     shown = open_page(page(Panel("surface", mesh, [Layer("f", value, COLORS)], front)))
     np.testing.assert_allclose(shown.centre(), color_of(0.9), atol=4)

@@ -44,7 +44,7 @@ def scalars(tmp_path_factory):
     return write(folder / "a.dscalar.nii", cifti2.ScalarAxis(["sulc", "curv", "area"]))
 
 
-def test_scalars_of_the_fitting_hemisphere(scalars):
+def test_scalars_are_those_of_the_hemisphere_of_the_mesh(scalars):
     """Values are those of the mesh's hemisphere; its medial wall has none and is masked."""
     found = read_values(scalars, LEFT)
     assert_array_equal(found.values, EXPECTED.T)

@@ -116,7 +116,7 @@ def test_annotations_agree_with_nibabel(folder, seed, count):
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_annotations_of_both_versions_in_any_order(tmp_path, version):
+def test_annotations_may_list_vertices_in_any_order(tmp_path, version):
     colors = np.array([2, -1, 0, 3, 1, 1])
     path = tmp_path / "lh.annot"
     path.write_bytes(annotation(colors, version, order=[3, 1, 0, 5, 4, 2]))

@@ -71,11 +71,11 @@ def option_names(text):
 
 
 @pytest.mark.parametrize("line", ["--help", "--version"])
-def test_help_and_version(line, capsys):
+def test_help_and_version_are_printed(line, capsys):
     assert "abfm" in help_text(line, capsys)
 
 
-def test_complete_help_of_a_match(capsys):
+def test_complete_help_lists_options_families_and_statuses(capsys):
     text = help_text("match --help-all", capsys)
     words = {*re.split(r"[\s,=]+", text.replace("--", "").replace("-", "_"))}
     assert set(FIELDS) <= words

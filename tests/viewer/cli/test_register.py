@@ -97,7 +97,7 @@ def test_initial_map_by_connectivity_is_noted(files, abfm):
     check_message(line_with(output.err, "note: initial map"), "connectivity", "faces")
 
 
-def test_json_of_a_registration(files, abfm):
+def test_json_of_a_registration_has_its_facts(files, abfm):
     output = abfm(
         "register {f}/a.ply {f}/b.ply --channel file:{f}/a.npy file:{f}/b.npy 2 --initial=closest "
         "--mask-a=expression:x>-2 --mask-b=expression:1 --sigma=5 --json --out={t}/r.npz "

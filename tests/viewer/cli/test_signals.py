@@ -245,7 +245,7 @@ def shell(line, *words, **environment):
     return done.returncode, done.stdout, done.stderr
 
 
-def test_help_without_encoding_or_reader():
+def test_help_is_printed_in_any_encoding_or_to_no_reader():
     assert shell("set -o pipefail; ABFM match --help | true") == (0, b"", b"")
     status, out, errors = shell("ABFM match --help", PYTHONIOENCODING="cp1252")
     assert (status, errors) == (0, b"")

@@ -99,7 +99,7 @@ def test_widest_row_fills_the_sheet():
     assert single.width < sheets.WIDTH_MAX / 2
 
 
-def test_sheet_of_a_match(match):
+def test_sheet_of_a_match_changes_with_its_options(match):
     size = 480, 360
     usual = np.asarray(match_picture(match, size=size))
     assert usual.shape == (360, 480, 3)
@@ -210,7 +210,7 @@ def test_small_overshoots_have_no_caption(sign):
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
 
 
-def test_captions_of_positions_and_notes():
+def test_captions_report_distant_positions_and_notes():
     inside, outside = 1.1 * SPHERE.vertices, SPHERE.vertices.copy()
     outside[5, 2] = SPHERE.vertices[:, 2].max() + 3 * np.ptp(SPHERE.vertices[:, 2])
     places = (("near", inside), ("far", outside))

@@ -67,7 +67,7 @@ def numbers(rows, best):
         (swept((0.02, math.nan), (0.01, math.nan)), (1, None, [])),
     ],
 )
-def test_best_rows_with_failures_and_equal_numbers(rows, wanted):
+def test_reached_rows_are_preferred_and_equal_ones_undominated(rows, wanted):
     assert numbers(rows, best_of(rows)) == wanted
 
 

@@ -252,7 +252,7 @@ def test_stop_reason_is_the_last_cause(stop_reason, named):
     check_message(verdict.advice, named)
 
 
-def test_advice_for_alpha_of_zero():
+def test_default_alpha_is_advised_if_the_line_search_failed():
     """For alpha = 0 the default is advised if the line search failed, but never a smaller value."""
     given, rough = (at(0), at(60), at(30)), Parameters(alpha=0.0)
     check_message(verdict_of(*given, "line search failed", rough).advice, "0.01")

@@ -139,7 +139,7 @@ def test_search_finds_compositions_with_symmetries():
         assert min(np.linalg.norm(C - expected) for C in found) < 0.15 * np.linalg.norm(expected)
 
 
-def test_defect_and_side_of_isometries_and_other_maps():
+def test_isometries_have_defect_0_and_a_side_of_1_or_minus_1():
     spectra = Spectra.of(BODY, moved(BODY, side=-1), 30, 300)
     truth = functional_map(PointMap.of_vertices(moved(BODY, side=-1), BODY), 30)
     assert spectra.defect(truth) < 1e-6
