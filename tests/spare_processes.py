@@ -1,11 +1,21 @@
 """Worker processes that several tests share, since starting one takes longer than most tests."""
 
+import atexit
 from contextlib import contextmanager
 
 import pytest
 
 from abfm.workers import worker
 from abfm.workers.worker import Worker, no_state
+
+_SPARE = []
+"""Idle processes of all test modules, as pairs: what they were made for, and the connection."""
+
+
+@atexit.register
+def _end_spare_processes():
+    for _, connection in _SPARE:
+        connection.process.close()
 
 
 @contextmanager
@@ -14,12 +24,12 @@ def reused_processes():
 
     A closed worker with running calls or with a state ends its process as usual.
     """
-    connect, close, spare = worker._Connection, Worker.close, []
+    connect, close = worker._Connection, Worker.close
 
     def reuse(make_state, message, environment):
-        for wanted, connection in spare:
+        for wanted, connection in _SPARE:
             if (make_state, environment) == wanted and not connection.process.has_ended:
-                spare.remove((wanted, connection))
+                _SPARE.remove((wanted, connection))
                 connection._ended_message = message
                 return connection
         return connect(make_state, message, environment)
@@ -28,7 +38,7 @@ def reused_processes():
         with self._lock:
             connection, self._closed = self._connection, True
             if self._make_state is no_state and connection is not None and not connection._calls:
-                spare.append(((self._make_state, self._environment), connection))
+                _SPARE.append(((self._make_state, self._environment), connection))
                 self._connection = None
         close(self)
 
@@ -36,5 +46,3 @@ def reused_processes():
         patch.setattr(worker, "_Connection", reuse)
         patch.setattr(Worker, "close", set_aside)
         yield
-    for _, connection in spare:
-        connection.process.close()

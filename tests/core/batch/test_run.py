@@ -24,6 +24,7 @@ from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, Warned, pair, resul
 from tests.mesh_writers import off_file
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
+from tests.spare_processes import reused_processes
 
 QUICK = Quick("quick", pair().options)
 
@@ -53,7 +54,7 @@ def test_worker_without_write_access_sends_its_result(tmp_path, monkeypatch):
     assert results(tmp_path) == {f"{answer.record.digest}.npz": answer.result}
 
 
-def test_equal_warnings_are_reported_once(tmp_path):
+def test_equal_warnings_are_reported_once(spare_process, tmp_path):
     rows = [Warned(f"row {number}", pair(source=number).options) for number in (1, 2)]
     with pytest.warns(AbfmWarning, match="row 1: no value") as caught:
         entries = run(rows, tmp_path, ONE)
@@ -93,7 +94,8 @@ def done(tmp_path_factory):
             folder,
         ),
     ]
-    entries = run(rows, folder / "out", ONE, on_change=changed.append)
+    with reused_processes():
+        entries = run(rows, folder / "out", ONE, on_change=changed.append)
     return rows, folder / "out", entries, changed
 
 
@@ -222,7 +224,7 @@ def test_registration_row_equals_register(done, tmp_path):
     assert entry.path.read_bytes() == (tmp_path / "alone.npz").read_bytes()
 
 
-def test_only_missing_results_are_solved_again(done, tmp_path):
+def test_only_missing_results_are_solved_again(done, spare_process):
     _, folder, entries, _ = done
     good = [entry.row for entry in entries if entry.state == "done"]
     before = files(folder)
@@ -246,7 +248,7 @@ def test_only_missing_results_are_solved_again(done, tmp_path):
     assert lost.path.read_bytes() == content
 
 
-def test_damaged_record_keeps_the_result(done):
+def test_damaged_record_keeps_the_result(done, spare_process):
     _, folder, entries, _ = done
     ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
     record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
