@@ -185,7 +185,7 @@ def show_a_finer_mesh(gui):
     assert session.view.finer
 
     def sizes():
-        return {len(gui.window.scene.mesh(name).faces) for name in SURFACES}
+        return {len(gui.window.scene._meshes[name].faces) for name in SURFACES}
 
     gui.wait(lambda s: sizes() == {4 * len(own.faces)})
     gui.pick(12)

@@ -81,6 +81,7 @@ def _states(gui):
     stuck = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
     vars(stuck)["facts"] = longest()
     session.editor.amend(result=stuck)
+    gui.frames(2)  # which request the streaks of this result
     gui.wait(lambda _: not gui.window.shown.busy)
     yield LONGEST
     session.editor.amend(result=found)
