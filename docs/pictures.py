@@ -183,6 +183,7 @@ def _screenshot(gui: Driver, name: str, time: float | None = None) -> None:
 
 def _match(gui: Driver, button: str) -> None:
     """Click a button that starts a run, and wait for its end."""
+    gui.wait(lambda session: not session.busy, seconds=300)  # the sample is open
     gui.wait(lambda session: gui.is_enabled(button), seconds=300)
     gui.click(button)
     gui.wait(lambda session: session.solver.finished, seconds=600)

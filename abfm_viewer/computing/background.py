@@ -87,8 +87,6 @@ class Latest(Generic[Value]):
     @property
     def busy(self) -> bool:
         """Whether the requested key is waiting or running."""
-        if self._running is None and self._job is None:
-            return False  # the usual case, without waiting for the lock
         with self._condition:
             runs = self._running is not None and same(self._running, self._requested)
             return runs or self._job is not None
