@@ -121,7 +121,7 @@ def _output_of(words: list[str]) -> str:
 def _parameters() -> str:
     rows = [
         f"| `{name}` | {entry.metadata['symbol']} | {_cell(entry.metadata['help'])} | "
-        f"`{entry.default}` |"
+        f"`{entry.default}`{' (auto)' if entry.default is None else ''} |"
         for name, entry in FIELDS.items()
     ]
     star = "\\*"

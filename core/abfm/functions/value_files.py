@@ -313,7 +313,7 @@ def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
     )
     if array.intent == LABEL or is_named:
         if not is_integer or (np.abs(array.values) > _KEY_MAX).any():
-            raise ValueError("a key of a label is not an integer; expected integer keys")
+            raise ValueError("a label is not an integer; expected integer labels")
         return True
     has_names = any(name for key, name in gifti.names.items() if key != 0)
     return is_integer and has_names and array.intent in ("", "NIFTI_INTENT_NONE")

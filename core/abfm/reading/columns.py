@@ -244,7 +244,7 @@ class Columns:
         with np.errstate(invalid="ignore"):
             keys = np.where(is_label, values, NO_LABEL).astype(np.int64)
         if not np.array_equal(keys[is_label], values[is_label]):
-            raise ValueError("a key of a label is not an integer; expected integer keys")
+            raise ValueError("a label is not an integer; expected integer labels")
         names_and_colors = self.keys[place] if self.keys else None
         return Labels(keys, *(names_and_colors or ({}, {})))
 

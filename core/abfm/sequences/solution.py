@@ -40,38 +40,7 @@ _NUMBERS = (
 class Solution:
     """Frames of a function, and the field of each interval between two of them.
 
-    Attributes
-    ----------
-    mesh : TriangleMesh
-    frames : (T, V, C) array
-        The given frames. Values are filled in where some frame is not finite or the mask is 0.
-    times : (T,) array
-        Ascending times.
-    velocity : (T - 1, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time.
-    parameters : SequenceParameters
-        The given parameters, with the ``alpha`` and ``order`` of the norm. ``automatic`` lists
-        those that held-out data chose, and ``sigma`` is None if held-out data chose it.
-    gamma : float
-        Weight of the difference between neighbouring fields.
-    residual, verified_residual, folded : (T - 1,) array
-        Residuals of each interval by the discrete flow and by flow lines, and the share of faces
-        that flow lines fold, as in `Match`. NaN if unknown.
-    noise : float
-        Largest residual that independent noise at vertices causes, the median over intervals. The
-        verdict of an interval depends on the value of that interval, not on the median.
-    verdicts : tuple of Verdict
-        The verdict of each interval.
-    motion_share : float
-        Between two frames, the function is their linear blend, changed by this share of the motion
-        along the fields. It is the share that best explains held-out frames, from 0 to 1, or NaN if
-        unknown. See `motion_shares`.
-    has_motion : bool
-        False if held-out frames show that the fields are not a motion, for example in a standing
-        wave.
-    sigma : float
-        Sigma of all intervals. It is relative to the size of the frames, or absolute if the
-        parameters have an absolute ``sigma_unit``.
+    Its attributes are described in `abfm.Sequence`.
     """
 
     _frames: Frames = field(repr=False)

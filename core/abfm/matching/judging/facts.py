@@ -85,6 +85,8 @@ class Report:
         elif self.is_of_landmarks:
             kind = reason if reason.is_interrupted else outcome
             headline = f"{kind}: {self._landmarks(is_short)}"
+            if self.verdict.cause is Cause.INITIAL_MAP and kind is outcome:
+                headline = f"{outcome} (the initial map may be wrong)"
         elif reason is StopReason.CANCELLED:
             headline = f"cancelled ({achieved})"
         elif outcome is Outcome.NOT_REACHED and is_missed:
@@ -131,9 +133,12 @@ class Report:
         return why
 
     def _advice(self) -> str:
-        if self.verdict.advice or not self._distorts:
+        if self.verdict.advice or not self._distorts or self.evidence.bound is not None:
             return self.verdict.advice
-        return f"limit the distortion, for example with max_distortion {LOG2_AREA_GOOD:g}"
+        return (
+            f"limit the distortion, for example with max_distortion {LOG2_AREA_GOOD:g}; a larger "
+            "limit allows a smaller residual"
+        )
 
     def _numbers(self) -> dict[str, float | None]:
         evidence = self.evidence
