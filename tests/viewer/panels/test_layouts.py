@@ -81,8 +81,6 @@ def _states(gui):
     stuck = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
     vars(stuck)["facts"] = longest()
     session.editor.amend(result=stuck)
-    gui.frames(2)  # which request the streaks of this result
-    gui.wait(lambda _: not gui.window.shown.busy)
     yield LONGEST
     session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN
@@ -114,6 +112,8 @@ def _layouts(gui, size, texts):
             for tab in TABS:
                 gui.window.ui.open_tab = tab
                 gui.frames(2)
+                while state == LONGEST and gui.window.shown.busy:  # with arrows, then with streaks
+                    gui.wait(lambda _: not gui.window.shown.busy)
                 for written in texts.values():
                     written.clear()
                 gui.frames(1)
