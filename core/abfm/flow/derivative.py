@@ -71,11 +71,11 @@ class DerivativePattern:
         return f[self.rank]
 
     def restricted_dual(self, mu: FloatArray) -> FloatArray:
-        """Apply the adjoint of `extended` to a function (V,)."""
+        """Apply the adjoint of `extended`, from the mesh (V,) to the order of the pattern."""
         return mu[self.order] if self.shares is None else self._summed(mu)
 
     def extended_dual(self, mu: FloatArray) -> FloatArray:
-        """Apply the adjoint of `restricted` to a function in the pattern's order."""
+        """Apply the adjoint of `restricted`, from the order of the pattern to the mesh (V,)."""
         return mu[self.rank] if self.shares is None else self.shares * mu[self.rank]
 
     def _summed(self, f: FloatArray) -> FloatArray:

@@ -140,7 +140,7 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Times of a page, and the duration of playing at speed 1, in seconds."""
+    """Times of the frames that a page shows, and the duration of playing at speed 1, in seconds."""
 
     start: float
     end: float
