@@ -215,7 +215,7 @@ class ExponentialFlow:
     def _attempt(self, f: FloatArray, step: float, count: int, keep: bool) -> Trajectory | None:
         """Advect ``f`` by ``count`` segments of time ``step``; return None if they are too long.
 
-        The terms of the series of a long segment are so much larger than ``f`` that digits are lost.
+        Terms of the series of a long segment are so much larger than ``f`` that digits are lost.
         """
         x = abs(step) * self.rho
         coefficients = _bessel_coefficients(x)
