@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
+from abfm.maps.distortion import Bound
 from abfm.matching import Remedy, StopReason, Verdict
 from abfm.matching.report import advice_in_options, residual_text
 from abfm.outcome import VERDICTS, Outcome, outcome_of
@@ -96,8 +97,11 @@ def test_large_area_change_is_a_warning(found, kind, tone):
     assert beyond.tone == tone
     assert beyond.outcome == within.outcome == kind
     advised = replace(match, verdict=replace(match.verdict, advice=""))
-    found_advice = changing_areas(advised, 3.3, 4.0).facts.advice
-    assert ("max_distortion" in found_advice) is (kind != "not reached")
+    changed = changing_areas(advised, 3.3, 4.0)
+    assert ("max_distortion" in changed.facts.advice) is (kind != "not reached")
+    bounded = replace(changed, bound=Bound(1.0, 0.5, 4.0, 0))
+    assert bounded.facts.numbers["max_distortion"] == 1
+    assert bounded.facts.advice == ""
 
 
 @given(pairs=st.lists(st.tuples(RESIDUAL, RESIDUAL | st.just(math.nan)), min_size=2, max_size=2))

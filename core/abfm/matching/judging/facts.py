@@ -82,11 +82,12 @@ class Report:
         has_areas = False
         if reason is StopReason.GIVEN:
             headline = "given field"
+        elif self.is_of_landmarks and reason.is_interrupted:
+            headline = f"{reason}: {self._landmarks(is_short)}"
+        elif self.is_of_landmarks and self.verdict.cause is Cause.INITIAL_MAP:
+            headline = f"{outcome} (the initial map may be wrong)"
         elif self.is_of_landmarks:
-            kind = reason if reason.is_interrupted else outcome
-            headline = f"{kind}: {self._landmarks(is_short)}"
-            if self.verdict.cause is Cause.INITIAL_MAP and kind is outcome:
-                headline = f"{outcome} (the initial map may be wrong)"
+            headline = f"{outcome}: {self._landmarks(is_short)}"
         elif reason is StopReason.CANCELLED:
             headline = f"cancelled ({achieved})"
         elif outcome is Outcome.NOT_REACHED and is_missed:
