@@ -104,6 +104,14 @@ def _recorded(method):
     return found
 
 
+def _finish_drawing(gui):
+    """Wait for the field and then for its streaks, which a later frame requests."""
+    is_idle = False
+    while not is_idle:
+        gui.wait(lambda _: not gui.window.shown.busy)  # draws two more frames
+        is_idle = not gui.window.shown.busy
+
+
 def _layouts(gui, size, texts):
     for state in _states(gui):
         for scale in UI_SCALES if state == LONGEST else SCALES[size]:
@@ -112,8 +120,8 @@ def _layouts(gui, size, texts):
             for tab in TABS:
                 gui.window.ui.open_tab = tab
                 gui.frames(2)
-                while state == LONGEST and gui.window.shown.busy:  # with arrows, then with streaks
-                    gui.wait(lambda _: not gui.window.shown.busy)
+                if state == LONGEST:
+                    _finish_drawing(gui)
                 for written in texts.values():
                     written.clear()
                 gui.frames(1)
