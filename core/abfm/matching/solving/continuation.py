@@ -380,10 +380,10 @@ def _search(state: State) -> State:
         x = np.repeat(state.start, variant.fields // len(state.start), axis=0)
         held_out = HeldOut.at(state.levels[0].energy, x) if schedule.is_measured else None
         sweep = Sweep(0, tuple(schedule.sigmas), x, reach=reach, held_out=held_out)
-        state.record.begin()
+        state.record.begin(number + 1, len(state.variants))
         return replace(state, variant=variant, path=(), progress=Progress(), sweep=sweep)
     best = int(np.argmin([_value(state, path) for path in state.tried]))
-    state.record.is_provisional = False
+    state.record.is_provisional, state.record.attempt = False, best + 1
     phase = Phase.INTERPOLATION if schedule.is_measured else Phase.PROLONGATION
     return replace(state, variant=state.variants[best], path=state.tried[best], phase=phase)
 

@@ -136,6 +136,9 @@ class Iteration:
     path: tuple[PathStep, ...] = ()  # the steps so far, without fields
     fields: int = 1  # number of consecutive fields, N
     is_of_landmarks: bool = False  # whether only landmarks are matched
+    # number of the attempt, from 1, and largest number of attempts: the variants of the search
+    attempt: int = 1
+    attempts: int = 1
 
     @property
     def velocity(self) -> FloatArray:
@@ -200,11 +203,13 @@ class Record:
         self.path: tuple[PathStep, ...] = ()  # the steps of this variant so far
         self.is_provisional = False  # see `IterateView`
         self.is_calling = False  # whether the callback runs, or has raised an error
+        self.attempt = self.attempts = 1  # see `Iteration`
         self._level: int | None = None  # level of the latest iterate
         self._on_iteration = on_iteration
 
-    def begin(self) -> None:
+    def begin(self, attempt: int, attempts: int) -> None:
         self.latest = self.last_iterate = None
+        self.attempt, self.attempts = attempt, attempts
 
     def count(self) -> None:
         self.evaluations += 1
@@ -255,4 +260,6 @@ class Record:
             path=self.path,
             fields=len(point.x),
             is_of_landmarks=energy.is_of_landmarks,
+            attempt=self.attempt,
+            attempts=self.attempts,
         )

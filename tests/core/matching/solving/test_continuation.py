@@ -99,6 +99,7 @@ def test_second_variant_has_two_fields(sigma, required):
     distant, seen = exact(0.07, 30, sigma=sigma)
     variants = [list(variant) for _, variant in groupby(seen, lambda one: len(one.velocity))]
     assert [len(variant[0].velocity) for variant in variants[:2]] == [1, 2]
+    assert [(one[0].attempt, one[0].attempts) for one in variants[:2]] == [(1, 2), (2, 2)]
     assert len({step.velocity.shape for step in distant.path}) == 1
     alone, seen = exact(0.07, 30, sigma=sigma, segments=1)
     assert {len(one.velocity) for one in seen} == {1}
