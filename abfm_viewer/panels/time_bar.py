@@ -112,7 +112,7 @@ def _slider(context: Context) -> None:
     for color in grounds:  # transparent, so that the ground is visible
         imgui.PushStyleColor(color, (0, 0, 0, 0))
     imgui.SetNextItemWidth(width)
-    slid = ui.slider("time", document.time, ends, tip, tip_above=True)
+    slid = ui.slider("time", document.time, ends, tip)
     imgui.PopStyleColor(len(grounds))
     if document.extrapolates:  # the tick at tau, drawn over the grab
         middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)

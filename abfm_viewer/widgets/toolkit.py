@@ -17,7 +17,8 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
+from abfm_viewer.widgets import placement
+from abfm_viewer.widgets.widget_record import Range, Rect, Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"  # text of a number that is chosen automatically
@@ -27,6 +28,8 @@ TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "targ
 
 # lengths at a scale of 1
 _TIP_DISTANCE = 8  # movement of the mouse after a click until tooltips appear again
+_TIP_WIDTH = 320
+_TIP_GAP = 8
 _CAPTION_WIDTH = 96
 _CAPTION_SHARE_MAX = 0.45  # of the panel's width
 _CAPTION_PANEL_MIN = 280  # narrower panels have captions above the widgets
@@ -233,21 +236,31 @@ class Ui:
         """Return a text, abbreviated with an ellipsis if it is wider than ``room`` pixels."""
         return abbreviated(text, room + 0.5, self.text_width)
 
-    def tip(self, text: str, above: bool = False) -> None:
-        """Give the previous widget a tooltip.
+    def tip(self, text: str) -> None:
+        """Give the previous widget a tooltip, which covers neither the widget nor its neighbours.
 
         Disabled widgets have tooltips as well. During a drag, and after a click until the mouse
-        moves, no tooltip is shown. With ``above`` it is shown above the widget.
+        moves, no tooltip is shown.
         """
         if not text or self._clicked_at is not None or imgui.IsMouseDown(0):
             return
-        if not imgui.IsItemHovered(_TIP_FLAGS):
-            return
-        if above:
-            place = imgui.GetMousePos()[0], imgui.GetItemRectMin()[1] - self.px(6)
-            imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always, (0.0, 1.0))
+        if imgui.IsItemHovered(_TIP_FLAGS):
+            self.tip_beside((*imgui.GetItemRectMin(), *imgui.GetItemRectMax()), text)
+
+    def tip_beside(self, item: Rect, text: str) -> None:
+        """Show a tooltip for a part of the current window, by `placement.beside`."""
+        (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
+        own = (left, top, left + width, top + imgui.GetWindowHeight())
+        area = placement.hull(own, *self.record.areas[1:2])
+        padding, window = imgui.GetStyle().WindowPadding, self.record.areas[0]
+        room = placement.side_room(area, window) - self.px(_TIP_GAP) - 2 * padding[0]
+        room = min(room, self.px(_TIP_WIDTH)) if room > self.px(_TIP_WIDTH / 2) else 0.0
+        wide, high = imgui.CalcTextSize(text, False, room or self.px(_TIP_WIDTH))
+        size = wide + 2 * padding[0], high + 2 * padding[1]
+        place = placement.beside(item, area, window, size, self.px(_TIP_GAP))
+        imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always)
         imgui.BeginTooltip()
-        imgui.PushTextWrapPos(self.px(340))
+        imgui.PushTextWrapPos(padding[0] + wide + 1)
         imgui.TextUnformatted(text)
         imgui.PopTextWrapPos()
         imgui.EndTooltip()
@@ -431,16 +444,14 @@ class Ui:
         new = self.number(label, value, ends, tip)
         return value if new is None else min(max(new, limits[0]), limits[1])
 
-    def slider(
-        self, label: str, value: float, ends: Range, tip: str, tip_above: bool = False
-    ) -> float | None:
+    def slider(self, label: str, value: float, ends: Range, tip: str) -> float | None:
         """Draw a slider, without a number, in ImGui's next width; return a new value or None."""
         text, name = _text_and_name(label)
         share = ends.share_of(ends.nearest(value))
         changed, share = imgui.SliderFloat(f"##{text} slider", share, 0.0, 1.0, "", _SLIDER_FLAGS)
         grab, written = imgui.GetStyle().GrabMinSize, f"{value:.6g}"
         self.record_item(text, "slider", ends=ends, grab=grab, text=written, name=name, tip=tip)
-        self.tip(tip, above=tip_above)
+        self.tip(tip)
         return ends.value_at(share) if changed else None
 
     def text(
