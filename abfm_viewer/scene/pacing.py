@@ -1,6 +1,9 @@
 """Choice of the frames of the window that redraw the surfaces, and of the samples per pixel."""
 
 import time as clock
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import inf
 
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
@@ -11,8 +14,14 @@ _FRAMES_PER_SECOND_OF_REDRAW = 120  # at 30 frames per second, drawing takes a f
 _FIRST_COUNT = 3  # number of a run's first pictures, which are drawn at once
 _TEXTURE_WAIT_RATIO = 2.0  # wait between textures of moving streaks, in redraw times
 STILL_SECONDS = 0.2  # seconds without motion after which the surfaces are drawn with more samples
-# samples along a side of a pixel; maximum pixels of the window; maximum seconds to draw it
-_SAMPLING_LIMITS = ((3, 2.5e6, 0.1), (2, 1e7, 0.8))
+_STILL_SECONDS_MAX = 2.0  # the same on slow machines
+_UNNOTICED_SECONDS = 0.05  # of a frame that delays neither input nor a run
+_MOVING_SECONDS_MAX = 1 / 60  # of a redraw with two samples along a side, while surfaces change
+_RATIO_DECAY = 0.995  # per redraw
+# at rest: samples along a side of a pixel; maximum pixels of the window, because of the memory;
+# maximum seconds to draw it
+_STILL_LIMITS = ((3, 2.5e6, 3.0), (2, 1e7, inf), (1, inf, inf))
+SCREENSHOT_SAMPLES_MAX = 3
 
 
 class Pacing:
@@ -72,28 +81,71 @@ class Pacing:
 
 
 class Supersampling:
-    """Choice of `samples`, the number of antialiasing samples along each side of a pixel."""
+    """Choice of `samples`, the number of antialiasing samples along each side of a pixel.
 
-    def __init__(self, session: Session, is_real: bool) -> None:
+    At rest, the surfaces are drawn once with many samples, after a wait as long as this drawing may
+    take. While they change, there are as many samples as the machine draws in time.
+    """
+
+    def __init__(self, is_real: bool) -> None:
         self.samples = 1
-        self._session, self._is_real = session, is_real
+        self._is_real = is_real
         self._moved_at = clock.perf_counter()
+        self._seconds = 0.0  # of a redraw with one sample per pixel; 0 if unknown
+        self._ratio = 4.0  # of the time of a redraw with two samples along a side to `_seconds`
+        self._moving = 1  # samples while the surfaces change
 
-    def update(self, moves: bool, seconds: float) -> None:
-        """Choose `samples`; drawing the window with one sample per pixel takes ``seconds``."""
-        if not self._is_real:
+    def update(self, redraws: bool, is_busy: bool) -> None:
+        """Choose the samples of this frame.
+
+        ``redraws``: the surfaces have changed; ``is_busy``: a long frame would delay input or work.
+        """
+        if not self._is_real or not (redraws or self._seconds):
             return
-        now, samples = clock.perf_counter(), self.samples
-        if moves or self._session.solver.running or self._session.player.playing:
-            self._moved_at, samples = now, 1
-        elif samples == 1 and now >= self._moved_at + STILL_SECONDS:
-            width, height = ps.get_window_size()
-            fitting = [
-                side
-                for side, pixels_max, seconds_max in _SAMPLING_LIMITS
-                if width * height <= pixels_max and seconds * side**2 <= seconds_max
-            ]
-            samples = max(fitting, default=1)
-        if samples != self.samples:
-            ps.set_SSAA_factor(samples)  # used by polyscope in its next drawing
-            self.samples = samples
+        now, still = clock.perf_counter(), self._still
+        expected = self._seconds * still**2
+        if redraws or (is_busy and expected > _UNNOTICED_SECONDS):
+            self._moved_at = now
+        if redraws:
+            self._draw_with(min(self._moving, still))
+        elif now >= self._moved_at + min(max(expected, STILL_SECONDS), _STILL_SECONDS_MAX):
+            self._draw_with(still)
+
+    def record(self, seconds: float) -> None:
+        """Record the time of a redraw of surfaces that had changed."""
+        if self.samples == 1:
+            # a ratio above 4, which may be outdated, is forgotten
+            self._seconds, self._ratio = seconds, max(4.0, _RATIO_DECAY * self._ratio)
+        elif self._seconds:
+            self._ratio = seconds / self._seconds
+        is_quick = 0 < self._seconds * self._ratio <= _MOVING_SECONDS_MAX
+        self._moving = 2 if is_quick else 1
+
+    @contextmanager
+    def still_picture(self) -> Iterator[None]:
+        """Draw with the samples of a window at rest in the block."""
+        before = self.samples
+        try:
+            self._draw_with(min(self._still, SCREENSHOT_SAMPLES_MAX))
+            yield
+        finally:
+            self._draw_with(before)
+
+    @property
+    def _still(self) -> int:
+        """Samples at rest, whose memory and drawing time are acceptable."""
+        width, height = ps.get_window_size()
+        return next(
+            side
+            for side, pixels_max, seconds_max in _STILL_LIMITS
+            if width * height <= pixels_max and self._seconds * side**2 <= seconds_max
+        )
+
+    def _draw_with(self, samples: int) -> None:
+        if samples == self.samples:
+            return
+        ps.set_SSAA_factor(samples)  # used by polyscope in its next drawing
+        self.samples = samples
+        if not self._is_real:  # off-screen, polyscope applies it to new buffers only
+            ps.screenshot_to_buffer()
+            ps.set_window_size(*ps.get_window_size())

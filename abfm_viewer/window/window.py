@@ -163,7 +163,7 @@ class Window(Context):
         self.closing = False
         self.interrupted: int | None = None  # number of the received signal
         self.parts = areas(size, 0, 1)  # of the latest frame
-        self._redraws = self._active = False
+        self._redraws = self._active = self._is_busy = False
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
         self._style: tuple[Theme, float] = ("light", 0.0)  # replaced in the first frame
@@ -180,7 +180,7 @@ class Window(Context):
         ps.set_do_default_mouse_interaction(False)
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
-        self.supersampling = Supersampling(session, backend == opengl.WINDOW)
+        self.supersampling = Supersampling(backend == opengl.WINDOW)
         self.mouse = Mouse()
         self.title = WindowTitle()
         self.sample_textures = SampleTextures()
@@ -240,14 +240,16 @@ class Window(Context):
         if self._redraws:
             seconds = time.perf_counter() - start - self._panel_seconds
             # the smaller one, because other processes may delay a redraw
-            self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)
+            shortest = self.scene.pacing.redraw_seconds = min(seconds, self._last_redraw)
+            self.supersampling.record(shortest or seconds)
             self._last_redraw = seconds
 
     def screenshot(self, path: Path) -> None:
         """Write a PNG picture of the window, without hovered widgets and open popups."""
         self.ui.capturing = True  # polyscope calls back four more times, without a mouse
         try:
-            pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
+            with self.supersampling.still_picture():
+                pixels = ps.screenshot_to_buffer(transparent_bg=False, include_UI=True)
         finally:
             self.ui.capturing = False
         with write_atomically(path) as temporary:
@@ -271,7 +273,8 @@ class Window(Context):
         start = time.perf_counter()
         self._draw()
         self._redraws = bool(ps.get_redraw_requested())
-        self.supersampling.update(self._redraws, self.scene.pacing.redraw_seconds)
+        if not self.ui.capturing:
+            self.supersampling.update(self._redraws, self._is_busy)
         self._panel_seconds = time.perf_counter() - start
 
     def _draw(self) -> None:
@@ -323,7 +326,8 @@ class Window(Context):
         self.guarded("labels", draw_annotations, ui, scene, rect, has_bar)
 
     def _update(self) -> None:
-        if self._moves():
+        self._is_busy = self._moves()
+        if self._is_busy:
             self._moved_at = time.perf_counter()
         active = bool(imgui.IsAnyItemActive()) or self.mouse.dragging
         if self._active and not active:
@@ -348,7 +352,8 @@ class Window(Context):
         self._document = session.document
         by_hand = tuple(io.MouseDelta) != (0, 0) or io.MouseWheel != 0 or imgui.IsAnyMouseDown()
         moving = session.view.streaks and session.view.animate
-        working = session.solver.running or self.shown.busy != "" or moving
+        is_running = session.solver.running and not session.solver.paused
+        working = is_running or self.shown.busy != "" or moving
         return changed or by_hand or imgui.IsAnyItemActive() or working
 
     def _dropped(self, files: list[str]) -> None:

@@ -11,6 +11,7 @@ import pytest
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.scene import pacing
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
@@ -51,8 +52,12 @@ def _frames_without_pixels():
 
 @pytest.fixture(autouse=True)
 def _few_frames(monkeypatch):
-    """Draw half as many frames as in the app, to leave time for background work."""
+    """Draw half as many frames as in the app, to leave time for background work.
+
+    Screenshots have one sample per pixel, because smooth ones take 1 s.
+    """
     monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 15)
+    monkeypatch.setattr(pacing, "SCREENSHOT_SAMPLES_MAX", 1)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
 from abfm_viewer.panels.right_panel import TABS
+from abfm_viewer.scene import pacing
 from abfm_viewer.scene.surfaces import viewport
 from tests.messages import raises
 from tests.processes import python
@@ -113,8 +114,8 @@ def prefer_the_button_to_the_tab(gui):
     gui.wait(lambda s: s.result is not None)
 
 
-def write_pictures(gui, tmp_path):
-    """Check that pictures keep sections and scrolling, and change nothing."""
+def write_pictures(gui, tmp_path, monkeypatch):
+    """Check that pictures keep sections and scrolling, change nothing, and have smooth edges."""
 
     def placed():
         return [(w.label, w.rect) for w in gui.window.ui.widgets]
@@ -135,6 +136,12 @@ def write_pictures(gui, tmp_path):
     tick = once[top:bottom, left : left + bottom - top]
     assert tick.std() > 1  # at the same place on the screen, not below it
     assert gui.session.view.previous_runs is False
+    monkeypatch.setattr(pacing, "SCREENSHOT_SAMPLES_MAX", 2)
+    gui.screenshot(tmp_path / "smooth.png")
+    assert gui.window.supersampling.samples == 1
+    smooth = np.asarray(Image.open(tmp_path / "smooth.png"), int)
+    assert smooth.shape == once.shape
+    assert (np.abs(smooth - once).max(axis=2) > 20).sum() > 50
 
 
 def drag_with_the_right_button(gui):

@@ -5,7 +5,7 @@ import pytest
 from abfm_viewer.scene import pacing
 from abfm_viewer.scene.pacing import STILL_SECONDS, Pacing, Supersampling
 
-FAST, SLOW, STUCK = 0.005, 0.1, 1.0
+FAST, MEDIUM, SLOW, STUCK = 0.002, 0.01, 0.1, 1.0
 
 
 @pytest.fixture
@@ -58,18 +58,19 @@ def test_fast_machine_shows_every_picture(paced):
 
 @pytest.fixture
 def window(monkeypatch):
-    """Return a window with a simulated clock, and the samples passed to polyscope."""
-    solver, player = SimpleNamespace(running=False), SimpleNamespace(playing=False)
-    session = SimpleNamespace(solver=solver, player=player)
-    found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
+    """Return a window with a simulated clock and time of a redraw, and the used samples."""
+    found = SimpleNamespace(samples=[], time=0.0, size=(1280, 800), seconds=FAST, ratio=4)
     fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
     monkeypatch.setattr(pacing, "ps", fake)
     monkeypatch.setattr(pacing, "clock", SimpleNamespace(perf_counter=lambda: found.time))
-    found.supersampling = Supersampling(session, True)
+    found.supersampling = Supersampling(True)
 
-    def frame(after, moves=False, seconds=FAST):
+    def frame(after, redraws=False, is_busy=False):
         found.time += after
-        found.supersampling.update(moves, seconds)
+        found.supersampling.update(redraws, is_busy)
+        if redraws:
+            factor = 1 if found.supersampling.samples == 1 else found.ratio
+            found.supersampling.record(factor * found.seconds)
         return found.samples
 
     found.frame = frame
@@ -77,40 +78,79 @@ def window(monkeypatch):
 
 
 def test_still_window_is_antialiased_once(window):
+    window.seconds = MEDIUM
+    window.frame(0, redraws=True)
     assert window.frame(0.9 * STILL_SECONDS) == []
     assert window.frame(0.2 * STILL_SECONDS) == [3]
     for _ in range(5):
         window.frame(STILL_SECONDS)
     assert window.samples == [3]
-    assert window.frame(0, moves=True) == [3, 1]
+    assert window.frame(0, redraws=True) == [3, 1]
     assert window.frame(0.9 * STILL_SECONDS) == [3, 1]
     assert window.frame(0.2 * STILL_SECONDS) == [3, 1, 3]
 
 
-@pytest.mark.parametrize("what", ["running", "playing"])
-def test_no_antialiasing_during_run_or_playback(window, what):
-    setattr(window.session.solver if what == "running" else window.session.player, what, True)
-    for _ in range(5):
-        window.frame(STILL_SECONDS)
-    assert window.samples == []
+def test_nothing_is_antialiased_before_first_redraw(window):
+    assert window.frame(10 * STILL_SECONDS) == []
 
 
 @pytest.mark.parametrize(
     ("seconds", "size", "expected"),
     [
-        (FAST, (1280, 800), [3]),
-        (SLOW, (1280, 800), [2]),
-        (STUCK, (1280, 800), []),
-        (FAST, (3840, 2160), [2]),
+        (MEDIUM, (1280, 800), 3),
+        (SLOW, (1280, 800), 3),
+        (STUCK, (1280, 800), 2),
+        (STUCK, (3840, 2160), 2),
+        (MEDIUM, (5120, 2880), 1),
     ],
 )
-def test_samples_depend_on_time_and_window_size(window, seconds, size, expected):
-    window.size = size
-    assert window.frame(2 * STILL_SECONDS, seconds=seconds) == expected
+def test_samples_at_rest(window, seconds, size, expected):
+    window.seconds, window.size = seconds, size
+    window.frame(0, redraws=True)
+    window.frame(10)
+    assert window.supersampling.samples == expected
 
 
-def test_no_antialiasing_off_screen(window):
-    hidden = Supersampling(window.session, False)
+def test_slow_machine_smooths_after_longer_rest(window):
+    window.seconds = SLOW
+    window.frame(0, redraws=True)
+    assert window.frame(4 * SLOW) == []
+    assert window.frame(5 * SLOW, is_busy=True) == []
+    assert window.frame(4 * SLOW) == []
+    assert window.frame(6 * SLOW) == [3]
+    assert window.frame(0, is_busy=True) == [3]
+
+
+def test_fast_machine_smooths_during_work(window):
+    window.frame(0, redraws=True)
+    assert window.frame(2 * STILL_SECONDS, is_busy=True) == [3]
+
+
+def test_fast_machine_smooths_motion(window):
+    window.seconds = 1 / 100
+    for _ in range(3):
+        window.frame(0, redraws=True)
+    assert window.supersampling.samples == 1
+    window.seconds = 1 / 100 / 3
+    for _ in range(3):
+        window.frame(0, redraws=True)
+    assert window.supersampling.samples == 2
+    window.seconds = 1 / 100
+    for _ in range(3):
+        window.frame(0, redraws=True)
+    assert window.supersampling.samples == 1
+
+
+def test_samples_of_motion_seldom_change(window):
+    window.seconds, window.ratio = 1 / 300, 10  # slower than expected
+    for _ in range(100):
+        window.frame(0, redraws=True)
+    assert window.samples == [2, 1]
+
+
+def test_off_screen_window_has_one_sample(window):
+    hidden = Supersampling(False)
+    hidden.record(FAST)
     window.time = 10 * STILL_SECONDS
-    hidden.update(False, FAST)
+    hidden.update(False, False)
     assert window.samples == []
