@@ -15,7 +15,7 @@ from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_if_recomputed
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.document.document import Document
+from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.files import outputs
 from abfm_viewer.files.contents import PROJECT
 from abfm_viewer.files.documents import read_document
@@ -61,7 +61,7 @@ Known = dict[str, FloatArray]
 _MOVIES = (".mp4", ".gif")
 _PAGE = ".html"
 _PICTURE_OPTIONS = ("size", "time", "style", "channel", "progress")
-_WINDOW_OPTIONS = ("transparent", "no_color_bar", "no_labels", "streaks", "fade")
+_WINDOW_OPTIONS = ("theme", "transparent", "no_color_bar", "no_labels", "streaks", "fade")
 _MOVIE_OPTIONS = ("seconds", "fps", "start", "end", "turntable")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS = 4.0
@@ -107,6 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "draw streaks along the field on the advected surface (line integral convolution); they "
         "move in a movie",
     )
+    add("--theme", "colours of the background and texts (default: light)", choices=THEMES)
     add("--fade", "fade the streaks where the field is slow")
     add = adder(parser.add_argument_group("movies"))
     add("--seconds", "length in seconds (default: 4)", "S", type=positive)
@@ -246,6 +247,8 @@ def _renderer(
             turned = turned.facing(document.front("source", up=arguments.up), "source")
         turned = turned.facing(document.front("advected", *functions, up=arguments.up))
         document = replace(turned, view=replace(document.view, viewpoint=None))
+    theme = arguments.theme or document.view.theme
+    document = replace(document, view=replace(document.view, theme=theme))
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
         arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)

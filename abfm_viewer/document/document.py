@@ -52,6 +52,8 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
 FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
+APPEARANCE = ("theme", "ui_scale")
+"""Settings of the view that belong to the user, and to no document or step of undo."""
 DEFAULT_PARAMETERS = Parameters()
 EXTRAPOLATION = 2.0  # end of the time bar as a multiple of tau
 ZOOM_MIN = 0.2
@@ -238,6 +240,15 @@ class View(ViewPreferences):
     animate: bool = False  # move the streaks along the field
     tool: ClickTool = "nothing"
     speeds: bool = False  # plot the speeds of a sequence instead of the residuals
+
+    def with_appearance(self, theme: Theme, ui_scale: float) -> View:
+        """View with other values of the `APPEARANCE`; the same object if they are the same."""
+        same = (theme, ui_scale) == (self.theme, self.ui_scale)
+        return self if same else replace(self, theme=theme, ui_scale=ui_scale)
+
+    @property
+    def appearance(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in APPEARANCE}
 
     @property
     def preferences(self) -> View:

@@ -3,7 +3,7 @@
 The members of the zip file are:
 
 - ``result.npz``: the result file, as written by the result's `save`
-- ``view.json``: the view of the document
+- ``view.json``: the view of the document, without theme and UI scale
 - ``project.json``: the other fields of the document
 - ``*.npy``: arrays
 
@@ -36,12 +36,22 @@ from abfm.io.results import MESH_ENTRIES, SEQUENCE, Entry
 from abfm.pages.colormaps import NAMES
 from abfm.reading import from_json
 from abfm.types import FloatArray
-from abfm_viewer.document.document import SIDES, Document, Point, Range, RunRecord, Side, Surface
+from abfm_viewer.document.document import (
+    APPEARANCE,
+    SIDES,
+    Document,
+    Point,
+    Range,
+    RunRecord,
+    Side,
+    Surface,
+    View,
+)
 from abfm_viewer.document.kinds import KINDS
 from abfm_viewer.document.label_map import LabelMap
 
 MEMBER = "origin.json"  # member of an autosaved copy that names the original project file
-_FORMAT = 9
+_FORMAT = 10
 _JSON_BYTES_MAX = 2 << 20  # limit for a member
 _RESULT = "result.npz"
 _KNOWN = Entry("real", ("V",), allow_missing=True)
@@ -119,7 +129,7 @@ def save_project(
     document, found = document.saved(), document.complete_result
     writer = _Writer(_parts(found))
     plain = writer.plain(document, "document")
-    view = plain.pop("view")
+    view = {name: part for name, part in plain.pop("view").items() if name not in APPEARANCE}
     kind = next(name for name, each in KINDS.items() if each is type(document))
     values = {spec: f"known/{number}" for number, spec in enumerate(sorted(known))}
     writer.arrays |= {name: known[spec] for spec, name in values.items()}
@@ -167,6 +177,11 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
         view = from_json(archive.read("view.json", _JSON_BYTES_MAX))
         found = abfm.load(archive.part(_RESULT)) if plain.get("has_result") is True else None
         return _read(plain, view, _Reader(archive, _parts(found)))
+
+
+def value_of(hint: Any, plain: Any, name: str) -> Any:
+    """Return JSON data as a value of type ``hint``; data of a wrong type raise `ValueError`."""
+    return _Reader({}, {}).read(hint, plain, name)
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
@@ -306,6 +321,8 @@ class _Reader:
     def _made(self, hint: Any, value: dict[str, Any], where: str) -> Any:
         hints = _hints(hint)
         known = {each.name: each for each in fields(hint)}
+        if hint is View:
+            known = {name: one for name, one in known.items() if name not in APPEARANCE}
         unknown = sorted(value.keys() - known.keys())
         _expect(not unknown, where, unknown, f"only {', '.join(known)}")
         required = {

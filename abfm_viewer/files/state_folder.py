@@ -34,7 +34,7 @@ class StateFolder:
     def recent(self) -> list[Path]:
         """Return recently opened files and results folders that still exist, the latest first."""
         found = []
-        for name in self._read("recent.json", list):
+        for name in self.read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
                 path = Path(name)
                 if path.is_file() or (path / "ledger").is_dir():
@@ -44,21 +44,12 @@ class StateFolder:
     def add_recent(self, path: Path) -> None:
         path = Path(os.path.abspath(path))
         paths = [path, *(known for known in self.recent() if known != path)]
-        self._write("recent.json", [str(known) for known in paths[:_RECENT_FILES_MAX]])
+        self.write("recent.json", [str(known) for known in paths[:_RECENT_FILES_MAX]])
 
     def clear_recent(self) -> None:
-        self._write("recent.json", [])
+        self.write("recent.json", [])
 
-    def preferences(self) -> dict[str, Any]:
-        found: dict[str, Any] = self._read("preferences.json", dict)
-        return found
-
-    def set_preference(self, name: str, value: Any) -> None:
-        known = self.preferences()
-        if name not in known or known[name] != value:
-            self._write("preferences.json", known | {name: value})
-
-    def _read(self, name: str, kind: type[Any]) -> Any:
+    def read(self, name: str, kind: type[Any]) -> Any:
         """Return the contents of a JSON file; empty if they are not of type ``kind``."""
         with suppress(OSError, ValueError, RecursionError, MemoryError):
             found = json.loads(read_bytes(self.path / name, size_max=_FILE_BYTES_MAX))
@@ -66,7 +57,8 @@ class StateFolder:
                 return found
         return kind()
 
-    def _write(self, name: str, value: Any) -> None:
+    def write(self, name: str, value: Any) -> None:
+        """Write a JSON file, completely or not at all; do nothing if that is impossible."""
         with suppress(OSError, AbfmError):
             self.path.mkdir(parents=True, exist_ok=True)
             with write_atomically(self.path / name) as temporary:

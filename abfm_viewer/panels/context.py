@@ -6,6 +6,7 @@ from abfm.reading import FRAMES_ENDINGS
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.contents import MESHES
+from abfm_viewer.files.preferences import PreferenceFile
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.saving.exporter import Exporter
@@ -26,11 +27,12 @@ Kind = TypeVar("Kind", bound=Document)
 class Context:
     """A session with the widgets, dialogs, exports and files of its window.
 
-    Recent files are stored in the folder ``state``.
+    Recent files and preferences are stored in the folder ``state``.
     """
 
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
+        self.preferences = PreferenceFile(state)
         self.ui, self.dialogs = Ui(), Dialogs()
         self.exporter = Exporter(session.notices.show)
         self.files = SessionFiles(session, state, self.dialogs.question)

@@ -75,6 +75,7 @@ class DocumentRenderer:
             opened.callback(session.close)
             self._shown = Shown(session)
             opened.callback(self._shown.close)
+            session.set_appearance(**self._document.view.appearance)
             session.restore(self._document, self._known, None)
             session.update()
             if problem := session.work.blocking_problem:

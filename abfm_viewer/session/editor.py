@@ -114,6 +114,9 @@ class Editor:
                     step.document.view, viewpoint=now.view.viewpoint, enlarged=now.view.enlarged
                 )
                 self.document = replace(step.document, view=seen)
+            seen = self.document.view.with_appearance(**now.view.appearance)
+            if seen is not self.document.view:
+                self.document = replace(self.document, view=seen)
             self.action_count += 1
 
     def change(self, label: str, merge: str = "", **values: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 from weakref import WeakKeyDictionary
 
 import abfm
@@ -174,9 +174,16 @@ class Session(Parts):
         self.sequence_match.pair = None
         self.saves.leave(self.document)
         self.player.playing = False
+        view = document.view.with_appearance(**self.view.appearance)
+        if view is not document.view:
+            document = replace(document, view=view)
         name = origin.path.name if origin else document.name
         self.editor.go_to(document, f"open {name}")
         self.saves.record(document, origin, saved=saved)
+
+    def set_appearance(self, **values: Any) -> None:
+        """Set the theme or the UI scale, by its name."""
+        self.editor.amend(view=replace(self.view, **values))
 
     def reset_history(self) -> None:
         """Clear undo and redo, so that the current document is the first one of the history."""

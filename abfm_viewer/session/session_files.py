@@ -490,11 +490,9 @@ class SessionFiles:
         document, known = read_document(path)
 
         def restore() -> None:
-            view = self._session.view.preferences
-            if origin:  # a project has its own view, except for the size of the window's texts
-                view = replace(document.view, ui_scale=view.ui_scale)
-            else:
-                view = document.view_of_result(view)
+            view = document.view  # a project has its own view
+            if origin is None:
+                view = document.view_of_result(self._session.view.preferences)
             self._session.restore(replace(document, view=view), known, origin)
 
         load_warning = document.match.load_warning if document.match else ""

@@ -313,7 +313,7 @@ class Actions:
 
     def _switch_theme(self) -> None:
         other = "dark" if self._session.view.theme == "light" else "light"
-        self._session.editor.set_view("change the theme", theme=other)
+        self._session.set_appearance(theme=other)
 
     def _look_from(self, axis: str) -> None:
         front, viewpoint = axis_front(axis), self._session.view.viewpoint

@@ -9,7 +9,7 @@ import polyscope.imgui as imgui
 from abfm import Parameters
 from abfm.pages import colormaps
 from abfm_viewer.appearance.abbreviation import abbreviated
-from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.document.document import APPEARANCE, LAYOUTS, THEMES
 from abfm_viewer.document.keyboard import COMMAND
 from abfm_viewer.panels import landmarks
 from abfm_viewer.session.session import Session
@@ -136,7 +136,7 @@ def _view(ui: Ui, actions: Actions) -> None:
     for theme in THEMES:
         keys = actions.switch_theme.hint if theme != view.theme else ""
         if menu_item(ui, f"{theme.capitalize()} theme", keys, checked=view.theme == theme):
-            set_view("change the theme", theme=theme)
+            session.set_appearance(theme=theme)
     _choices(ui, session, "UI scale", "ui_scale", {f"{scale:g}": scale for scale in UI_SCALES})
     imgui.Separator()
     _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
@@ -177,11 +177,14 @@ def _surfaces(ui: Ui, actions: Actions) -> None:
 
 
 def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str, Any]) -> None:
-    what = f"change the {label.replace('UI', 'window').lower()}"
+    what = f"change the {label.lower()}"
     with menu(ui, label) as is_open:
         for choice, value in choices.items() if is_open else ():
             if menu_item(ui, choice, checked=getattr(session.view, name) == value):
-                session.editor.set_view(what, **{name: value})
+                if name in APPEARANCE:
+                    session.set_appearance(**{name: value})
+                else:
+                    session.editor.set_view(what, **{name: value})
 
 
 def _help(ui: Ui, actions: Actions) -> None:

@@ -1,11 +1,10 @@
-"""Preferences, and copies of unsaved work, in the state folder; also copies of crashed launches."""
+"""Copies of unsaved work in the state folder, also of launches that crashed."""
 
 import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 from abfm import AbfmError
 from abfm.types import FloatArray
@@ -13,7 +12,7 @@ from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.document.document import THEMES, Document, Identity
+from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import Origin, load_origin, load_project
@@ -23,42 +22,6 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 
 _COPIES = "copies"  # subject of the cards
-
-
-class Preferences:
-    """Theme, UI scale and two switches (see `_present`), stored for the next launch."""
-
-    def __init__(self, session: Session, state: StateFolder) -> None:
-        """Apply the stored preferences that are valid and not set by a project."""
-        self._session, self._state = session, state
-        stored, changes = state.preferences(), dict[str, Any](ui_scale=1.0)
-        theme, scale, follow, flow = map(
-            stored.get, ("theme", "ui_scale", "follow", "flow_after_match")
-        )
-        if theme in THEMES and session.saves.path is None:
-            changes["theme"] = theme
-        if isinstance(scale, int | float) and 0.5 <= scale <= 4.0:
-            changes["ui_scale"] = float(scale)
-        if isinstance(flow, bool):
-            changes["flow_after_match"] = flow
-        if isinstance(follow, bool):
-            session.matching.follow = follow
-        if (view := replace(session.view, **changes)) != session.view:
-            session.editor.amend(view=view)
-        self._latest, self._document = self._present(), session.document.identity
-
-    def update(self) -> None:
-        """Store the changes that the user made in this frame, but not those by a project."""
-        present, document = self._present(), self._session.document.identity
-        for name, value in present.items():
-            if self._latest[name] != value and document is self._document:
-                self._state.set_preference(name, value)
-        self._latest, self._document = present, document
-
-    def _present(self) -> dict[str, object]:
-        view = self._session.view
-        of_view = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
-        return of_view | {"follow": self._session.matching.follow}
 
 
 class Recoveries:
@@ -182,8 +145,7 @@ class Recoveries:
     ) -> None:
         def restore() -> None:
             session = self._session
-            view = replace(document.view, ui_scale=session.view.ui_scale)
-            session.restore(replace(document, view=view), known, origin, saved=False)
+            session.restore(document, known, origin, saved=False)
             copy = self._autosave(session.document.identity)
             copy.take_over(recovery)
             if isinstance(document, SequenceDocument) and copy.has_checkpoint:

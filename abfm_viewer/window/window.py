@@ -46,8 +46,9 @@ from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.library_warnings import LibraryWarnings
 from abfm_viewer.window.mouse import Mouse
-from abfm_viewer.window.recovery import Preferences, Recoveries
+from abfm_viewer.window.recovery import Recoveries
 from abfm_viewer.window.samples import SampleTextures
+from abfm_viewer.window.session_preferences import SessionPreferences
 from abfm_viewer.window.window_title import WindowTitle
 
 _SECONDS_PER_FRAME = 1 / 30
@@ -152,7 +153,7 @@ class Window(Context):
         state: StateFolder | None = None,
     ) -> None:
         super().__init__(session, state)
-        self.preferences = Preferences(session, state) if state else None
+        self.session_preferences = SessionPreferences(session, self.preferences)
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         self.actions = Actions(self, lambda: self.mouse.over, self._end)
         self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
@@ -341,9 +342,9 @@ class Window(Context):
         self.session.update()
         self.files.update()
         self.title.show(f"{self.session.saves.title} - abfm")
-        if self.preferences and self.recoveries:
+        if self.recoveries:
             self.recoveries.update()
-            self.preferences.update()
+        self.session_preferences.update()
 
     def _moves(self) -> bool:
         """Return whether this frame may differ from the last one: after a change, input or work."""

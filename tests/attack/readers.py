@@ -19,10 +19,11 @@ from abfm.sequences import read_frames
 from abfm_viewer.cli import main
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.files.autosave import recoverable
+from abfm_viewer.files.preferences import PreferenceFile
 from abfm_viewer.files.project import load_origin, load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
-from abfm_viewer.window.recovery import Preferences
+from abfm_viewer.window.session_preferences import SessionPreferences
 from tests.attack.specimens import MESH
 from tests.attack.trial import FaultError
 
@@ -137,12 +138,13 @@ def _state(path):
     """Read a file in which the app stores its state between launches."""
     state, was_file = StateFolder(path.parent), path.is_file() and not path.is_symlink()
     assert all(isinstance(p, Path) for p in state.recent())
-    Preferences(_session(), state)
+    preferences = PreferenceFile(state)
+    SessionPreferences(_session(), preferences)
     assert _session().view.theme in THEMES
     assert 0.5 <= _session().view.ui_scale <= 4
     state.add_recent(path)
-    state.set_preference("theme", "dark")
-    is_preserved = path in state.recent() and state.preferences().get("theme") == "dark"
+    preferences.change(theme="dark")
+    is_preserved = path in state.recent() and PreferenceFile(state).now.theme == "dark"
     assert is_preserved or not was_file
 
 

@@ -217,6 +217,7 @@ class Exporter:
             errors, view = folder / "errors.txt", replace(document.view, color_bar=True)
             save_project(project, replace(document, view=view), known())
             render = ["-m", "abfm_viewer.cli", "render", str(project), "--out", str(drawn)]
+            render.append(f"--theme={view.theme}")
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             environment["PYTHONIOENCODING"] = "utf-8"
             with errors.open("wb") as file:

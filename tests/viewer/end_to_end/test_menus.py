@@ -160,7 +160,7 @@ def undo_and_redo_everything(gui):
     gui.click("Swap")
     match(gui)
     gui.drag("time", 0.4)
-    gui.menu("View", "Dark theme")
+    gui.menu("View", "Flat shading")
     end, names = session.document, ("channels", "parameters", "result", "runs", "view")
     while history.undo_label:
         gui.menu("Edit", "Undo")

@@ -103,7 +103,6 @@ DOCUMENT = MatchDocument(
     lines=(Point(3, (0.25, 0.25, 0.5)), Point(79, (1.0, 0.0, 0.0))),
     points=(Point(0, (1.0, -1e-12, 1e-12)),),
     view=View(
-        theme="dark",
         transport=True,
         streaks=True,
         fade=True,
@@ -263,12 +262,12 @@ def test_numbers_of_other_types_and_unknown_members_are_read(saved):
 def test_missing_fields_take_their_defaults(saved):
     def cut(header, view):
         view.clear()
-        view["theme"] = "dark"
+        view["flat"] = True
         del header["document"]["runs"]
 
     changed(saved, cut)
     opened = load_project(saved)[0]
-    assert (opened.view, opened.runs) == (View(theme="dark"), ())
+    assert (opened.view, opened.runs) == (View(flat=True), ())
     assert opened.result.verdict == RESULT.verdict
 
 
@@ -284,8 +283,8 @@ def turned(angle):
 fronts = st.builds(turned, st.floats(-10, 10))
 views = st.builds(
     View,
-    theme=st.sampled_from(documents.THEMES),
-    ui_scale=st.floats(0.5, 4),
+    layout=st.sampled_from(documents.LAYOUTS),
+    arrow_density=st.floats(0, 1),
     colormap=st.sampled_from(["automatic", *NAMES]),
     isoline_count=st.integers(1, 100),
     arrow_length=st.floats(0.001, 10),
@@ -456,8 +455,8 @@ def test_damaged_results_are_refused(saved):
 @pytest.mark.parametrize(
     ("name", "value", "named"),
     [
-        ("format_version", 10, ()),
-        ("format_version", 8, (8, 9)),
+        ("format_version", 11, ()),
+        ("format_version", 9, (8, 9)),
         ("kind", "sphere", ("sphere", "match", "sequence")),
         ("kind", "sequence", ()),
         ("has_result", False, ("result",)),
@@ -486,9 +485,10 @@ def test_damaged_results_are_refused(saved):
         ("document.labels.names", ["one"], ()),
         ("document.labels.colors", [[0, 0, 0], [0, 0, 2]], (0, 1)),
         ("document.unheard", 1, ("unheard",)),
-        ("view.theme", "pink", ("light", "dark")),
+        ("view.layout", "pile", ("row", "column")),
+        ("view.theme", "dark", ("theme",)),
         ("view.colormap", "jet", ("colormap", "jet")),
-        ("view.ui_scale", 0, ("ui_scale", 0)),
+        ("view.arrow_length", 0, ("arrow_length", 0)),
         ("view.viewpoint", {"front": INVALID_FRONT}, ("front",)),
         ("view.viewpoint", INVALID_VIEWPOINT, ("zoom", "0.0")),
     ],
@@ -553,7 +553,7 @@ def test_files_of_another_kind_are_named(tmp_path):
     [
         ({"time": float("nan")}, {}, ("document.time", "nan")),
         ({"channel": 5}, {}, ("channel", 5)),
-        ({"view": View(theme="pink")}, {}, ("theme",)),
+        ({"view": View(layout="pile")}, {}, ("layout",)),
         ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, ("surface",)),
         ({}, {"file:x.npy": X[1:]}, ("file:x.npy",)),
         ({}, {"file:x.npy": np.full(V, np.inf)}, ()),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from abfm_viewer.files.autosave import recoverable
+from abfm_viewer.files.preferences import PreferenceFile, Preferences
 from abfm_viewer.files.project import load_origin, load_project
 from abfm_viewer.files.state_folder import STATE_VARIABLE, StateFolder
 from tests.core.reading.hostile import refusal
@@ -38,15 +39,23 @@ def test_recent_files_are_listed_once_latest_first(folder, tmp_path, monkeypatch
 
 
 def test_preferences_are_kept(folder, tmp_path):
-    assert folder.preferences() == {}
-    folder.set_preference("theme", "dark")
-    folder.set_preference("ui_scale", 1.5)
-    assert StateFolder(folder.path).preferences() == {"theme": "dark", "ui_scale": 1.5}
+    preferences, other = PreferenceFile(folder), PreferenceFile(folder)
+    assert preferences.now == Preferences()
+    preferences.change(theme="dark", columns={"batch": ("residual", "seconds")})
+    other.change(ui_scale=1.5, folders={"mesh": "/meshes"})
+    assert PreferenceFile(StateFolder(folder.path)).now == Preferences(
+        theme="dark",
+        ui_scale=1.5,
+        folders={"mesh": "/meshes"},
+        columns={"batch": ("residual", "seconds")},
+    )
     (tmp_path / "file").touch()
     folder = StateFolder(tmp_path / "file" / "state")
     folder.add_recent(tmp_path / "file")
-    folder.set_preference("theme", "dark")
-    assert (folder.recent(), folder.preferences()) == ([], {})
+    preferences = PreferenceFile(folder)
+    preferences.change(theme="dark")
+    assert (folder.recent(), preferences.now.theme) == ([], "dark")
+    assert PreferenceFile(folder).now == Preferences()
 
 
 @pytest.mark.parametrize(
@@ -57,7 +66,14 @@ def test_damaged_files_count_as_empty(folder, content):
     for name in ("recent.json", "preferences.json"):
         (folder.path / name).write_text(content)
     assert folder.recent() == []
-    assert isinstance(folder.preferences(), dict)
+    assert PreferenceFile(folder).now == Preferences()
+
+
+def test_only_damaged_preferences_have_defaults(folder):
+    damaged = {"theme": "pink", "ui_scale": 1e9, "follow": "maybe", "folders": {"mesh": 3}}
+    damaged |= {"columns": {"batch": "all"}, "unknown": 1}
+    folder.write("preferences.json", damaged | {"tour_seen": True})
+    assert PreferenceFile(folder).now == Preferences(tour_seen=True)
 
 
 def test_the_environment_names_the_folder(monkeypatch, tmp_path):
@@ -82,7 +98,7 @@ def test_a_state_folder_of_pipes_and_devices_is_empty(tmp_path):
     (tmp_path / "preferences.json").symlink_to("/dev/zero")
     os.mkfifo(tmp_path / "autosave-1-left.abfm")
     assert folder.recent() == []
-    assert folder.preferences() == {}
+    assert PreferenceFile(folder).now == Preferences()
     [copy] = recoverable(folder)
     assert load_origin(copy.path) is None
     check_message(refusal(load_project, copy.path))

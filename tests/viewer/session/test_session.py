@@ -346,3 +346,16 @@ def test_constant_target_is_reported_before_the_match(session):
     until(lambda: session.work.expected_facts, session)
     assert session.work.expected_facts.outcome is Outcome.IMPOSSIBLE
     assert session.rescaled_channels() == session.channels
+
+
+def test_theme_belongs_to_no_document_and_no_step_of_undo(fresh):
+    session = fresh
+    session.editor.set_view("flat", flat=True)
+    session.set_appearance(theme="dark", ui_scale=1.5)
+    session.undo()
+    assert (session.view.flat, session.view.theme) == (False, "dark")
+    session.restore(MatchDocument((Surface(SPHERE, "other"),)), {}, None)
+    assert session.view.appearance == {"theme": "dark", "ui_scale": 1.5}
+    session.set_appearance(theme="light")
+    session.undo()
+    assert session.view.appearance == {"theme": "light", "ui_scale": 1.5}

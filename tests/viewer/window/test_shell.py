@@ -8,7 +8,8 @@ from abfm_viewer.automation.driver import Driver
 from abfm_viewer.dialogs import file_dialog
 from abfm_viewer.dialogs.file_dialog import FolderEntry, Listing
 from abfm_viewer.document.document import View
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.preferences import PreferenceFile, Preferences
+from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.window import window
 from abfm_viewer.window.samples import figure_document
@@ -169,34 +170,13 @@ def test_preferences_are_stored(state, launched):
         gui.session.matching.follow = False
         gui.frames(2)
     expected = {"theme": "dark", "ui_scale": 1.25, "follow": False, "flow_after_match": False}
-    assert state.preferences() == expected
+    assert PreferenceFile(state).now == Preferences(**expected)
     with launched() as gui:
         assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1.25)
         assert not gui.session.matching.follow
         assert not gui.session.view.flow_after_match
         assert not gui.session.saves.unsaved
         assert gui.session.editor.undo_label == ""
-    senseless = {"theme": "pink", "ui_scale": 1e9, "follow": "maybe", "flow_after_match": 1}
-    for name, value in senseless.items():
-        state.set_preference(name, value)
-    with launched() as gui:
-        assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
-        assert gui.session.view.flow_after_match
-
-
-def test_theme_of_a_project_is_not_a_preference(state, tmp_path, launched):
-    with launched() as gui:
-        gui.session.editor.set_view("look", theme="dark", ui_scale=2.0)
-        save_project(tmp_path / "dark.abfm", gui.session.document, {})
-    state.set_preference("theme", "light")
-    state.set_preference("ui_scale", 1.0)
-    for first in (icosphere(2), tmp_path / "dark.abfm"):
-        with launched(first) as gui:
-            gui.window.files.open(tmp_path / "dark.abfm")
-            opened(gui, 42)
-            gui.frames(3)
-            assert (gui.session.view.theme, gui.session.view.ui_scale) == ("dark", 1)
-    assert state.preferences() == {"theme": "light", "ui_scale": 1}
 
 
 def test_damaged_copy_is_reported_once(state, launched):
