@@ -49,7 +49,7 @@ def settings_of(sequence: abfm.Sequence) -> SequenceSettings:
 
 @dataclass(frozen=True, eq=False)
 class FrameSequence:
-    """Frames of a sequence, numbered from 0, and the name of their file."""
+    """Frames of a sequence, and the name of their file."""
 
     name: str
     frames: abfm.sequences.Frames
@@ -71,6 +71,11 @@ class FrameSequence:
     @property
     def times(self) -> FloatArray:
         return self.frames.times
+
+    @cached_property
+    def numbers(self) -> list[int]:
+        """Numbers of the frames in their file, counted from 0; frames without values are absent."""
+        return [*map(int, self.frames.numbers)]
 
     @property
     def channels(self) -> int:
@@ -131,8 +136,8 @@ class FrameSequence:
             changes[unknown] = 0.0
         return best_front(self.frames.mesh, up=up, changes=changes)
 
-    def frame_label(self, number: int) -> str:
+    def frame_label(self, index: int) -> str:
         """Return the number of a frame as text, with its time if that differs from the number."""
-        time = float(self.times[number])
+        time, number = float(self.times[index]), self.numbers[index]
         is_number = not self.unit and time == number
         return f"frame {number}" if is_number else f"frame {number}, {self.time_text(time)}"

@@ -68,7 +68,7 @@ _ENTRIES = {
     LabelMap.__name__: {"values": Entry("integer", ("V",))},
     "Frames": {
         "values": SEQUENCE.entries["frames"],
-        **{name: SEQUENCE.entries[name] for name in ("times", "mask", "weights")},
+        **{name: SEQUENCE.entries[name] for name in ("times", "numbers", "mask", "weights")},
     },
 }
 """Array fields by dataclass and field; V is the vertex count of the dataclass's mesh, if any."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from abfm.errors import ParameterError
 from abfm.parameters import LAST_SIGMA
+from abfm.wording import sentence
 from abfm_viewer.document.frame_sequence import FrameSequence
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
@@ -57,6 +58,8 @@ def draw_frames(context: Context) -> None:
     ui.heading("frames")
     ends = f"{sequence.time_text(document.start)} to {sequence.time_text(document.end)}"
     ui.line(f"{len(sequence)} frames, {ends}", "ink")
+    for note in sequence.frames.notes:
+        ui.note(sentence(note))
     if sequence.channels > 1:
         words = [str(number) for number in range(sequence.channels)]
         tip = "The channel that is shown. All channels are matched by the same fields."
@@ -73,7 +76,7 @@ def draw_frames(context: Context) -> None:
 
 
 def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
-    steps = sequence.frames.durations
+    steps = sequence.frames.durations / np.diff(sequence.numbers)
     is_even = bool(np.allclose(steps, steps[0], rtol=1e-6))
     shown = f"{steps[0]:.6g}" if is_even else "uneven"
     typed = ui.text(f"frame step, {sequence.unit or 'frames'}###frame step", shown, _STEP)
@@ -83,7 +86,7 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
                 raise ParameterError(
                     f"{typed} is not a time; expected seconds above 0, such as 0.04"
                 )
-            times = step * np.arange(float(len(sequence)))
+            times = step * np.array(sequence.numbers, dtype=np.float64)
             changed = replace(
                 sequence, frames=replace(sequence.frames, times=times, unit_of_time="s")
             )
@@ -100,10 +103,12 @@ def draw_pair(context: Context) -> None:
     ui.heading("two frames")
     now = document.interval
     first, last = session.sequence_match.pair or (now, now + 1)
-    ends, limits = Range(0, len(sequence) - 1, is_integer=True), (0, len(sequence) - 1)
+    numbers = sequence.numbers
+    limits = numbers[0], numbers[-1]
+    ends = Range(*limits, is_integer=True)
     begin, end = (
-        round(ui.bounded(label, frame, ends, _PAIR, limits))
-        for label, frame in (("from frame", first), ("to frame", last))
+        int(np.searchsorted(numbers, ui.bounded(label, numbers[at], ends, _PAIR, limits)))
+        for label, at in (("from frame", first), ("to frame", last))
     )
     if (begin, end) != (first, last):
         session.sequence_match.pair = begin, end

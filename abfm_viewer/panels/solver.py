@@ -177,7 +177,8 @@ def draw_sequence(context: Context) -> None:
     if outdated:
         ui.note("Frames or parameters have changed. Match all frames again.", "ink")
     interval = abfm.sequences.interval_headline(result, now)
-    ui.note(f"Frame {now} to {now + 1}: {interval}", "muted" if outdated else verdict.kind.tone)
+    first, last = sequence.numbers[now : now + 2]
+    ui.note(f"Frame {first} to {last}: {interval}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))
 

@@ -27,7 +27,7 @@ def read_frame_sequence(
 
     found = abfm.sequences.read_frames(path, mesh, array)
     frames = check_frames(mesh, found.values, found.times, None, None)
-    return FrameSequence(path.name, frames), found.notes
+    return FrameSequence(path.name, frames), (*found.notes, *frames.notes)
 
 
 def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSequence:
@@ -48,7 +48,7 @@ def circular_sequence(sequence: FrameSequence, period: float | None) -> FrameSeq
         values[:, frames.unknown] = np.nan
     circle, weights = abfm.functions.as_circle(values, period), np.repeat(frames.weights, 2)
     made = check_frames(frames.mesh, circle, frames.times, frames.mask, weights)
-    made = replace(made, unit_of_time=sequence.unit)
+    made = replace(made, unit_of_time=sequence.unit, numbers=frames.numbers, notes=frames.notes)
     return replace(sequence, frames=made, phases=frames)
 
 
@@ -61,7 +61,7 @@ def document_of_frames(sequence: FrameSequence, surface: Surface, view: View) ->
 def document_of_pair(
     document: SequenceDocument, first: int, last: int
 ) -> tuple[MatchDocument, dict[str, FloatArray]]:
-    """Return a document that matches two frames, given by number, and the values of both."""
+    """Return a document that matches two frames, given by index, and the values of both."""
     sequence = document.sequence
     known: dict[str, FloatArray] = {}
     display_names: dict[str, str] = {}
@@ -75,7 +75,8 @@ def document_of_pair(
     for number, weight in enumerate(sequence.frames.weights.tolist()):
         suffix = f", channel {number}" if sequence.channels > 1 else ""
         source, target = (
-            spec(f"frame {k}{suffix}", sequence.columns[k][number]) for k in (first, last)
+            spec(f"frame {sequence.numbers[k]}{suffix}", sequence.columns[k][number])
+            for k in (first, last)
         )
         channels.append(Channel(source, target, weight))
     mask = "" if sequence.frames.mask is None else spec(MEASURED_COLUMN, sequence.frames.mask)

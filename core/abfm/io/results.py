@@ -206,6 +206,7 @@ PROBLEM = FileKind("problem file", PROBLEM_ENTRIES)
 _SEQUENCE = {
     "frames": Entry("real", ("T", "V", "C"), low=-SIZE_MAX, high=SIZE_MAX),
     "times": Entry("real", ("T",)),
+    "numbers": Entry("integer", ("T",), low=0),
     "unit_of_time": Entry("text", ()),
     "velocity": Entry("real", ("I", "F", 3)),
     "parameters": Entry("text", ()),

@@ -24,7 +24,8 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.reading import counts_of
 from abfm.sequences.parameters import SequenceParameters
-from abfm.types import BoolArray, FloatArray
+from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.wording import counted
 from abfm.workers.progress import stepped
 
 
@@ -42,6 +43,7 @@ class Frames:
     mask: FloatArray | None = field(repr=False)
     weights: FloatArray  # (C,)
     channels_given: bool  # True if the input had the shape (T, V, C), False for (T, V)
+    numbers: IntArray = field(repr=False)  # (T,), numbers of the frames in the input, from 0
     notes: tuple[str, ...] = ()  # notes for the user about the frames
     unit_of_time: str = ""  # "s" if times are known; empty if they are frame numbers
 
@@ -93,8 +95,9 @@ def check_frames(
 ) -> Frames:
     """Check frames (T, V) or (T, V, C), and fill in unknown values.
 
-    The vertices are those of the mesh or of its file. Values are unknown at vertices where some
-    frame is not finite, or where the mask is 0.
+    The vertices are those of the mesh or of its file. Frames without any finite value are left out,
+    which a note reports. Values are unknown at vertices where some other frame is not finite, or
+    where the mask is 0.
     """
     given = real_numbers(values, "frames", FunctionError)
     if given.ndim not in (2, 3) or given.size == 0:
@@ -116,16 +119,14 @@ def check_frames(
     channel_weights = checked_weights(weights, frames.shape[2], "weights", "channel")
     warn_of_phases(mesh, frames[0].T)
     is_weighted = channel_weights > 0
-    finite = np.isfinite(frames)[:, :, is_weighted if is_weighted.any() else slice(None)]
-    if not finite.any():
-        raise FunctionError("no frame has a finite value; expected real numbers")
-    if len(nowhere := np.flatnonzero(~finite.any(axis=(1, 2)))):
-        named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
-        raise FunctionError(
-            f"no finite value in frame {named} (counted from 0). Remove such frames, and give "
-            "the times of the others"
-        )
-    known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
+    all_times, has_values = _times(times, len(frames)), have_values(frames, channel_weights)
+    if has_values.sum() < 2:
+        found = "only one" if has_values.any() else "no"
+        raise FunctionError(f"{found} frame has a finite value; expected at least two such frames")
+    if not has_values.all():
+        frames = frames[has_values]
+    compared_frames = frames[:, :, _compared(channel_weights)]
+    known: BoolArray = np.asarray(np.isfinite(compared_frames).all(axis=(0, 2)))
     if not known.any():
         raise FunctionError(
             "no vertex has finite values in all frames. Remove the frames with missing values"
@@ -142,12 +143,38 @@ def check_frames(
     return Frames(
         mesh,
         frames,
-        _times(times, len(frames)),
+        all_times[has_values],
         vertex_mask,
         channel_weights,
         given.ndim == 3,
+        np.flatnonzero(has_values),
+        notes_on_omitted(has_values),
         unit_of_time="" if times is None else "s",
     )
+
+
+def have_values(frames: FloatArray, weights: ArrayLike | None = None) -> BoolArray:
+    """Return a mask (T,) of the frames (T, V) or (T, V, C) with a finite value.
+
+    Only channels of a weight (C,) above 0 count, or all if there is none.
+    """
+    by_channel = frames.reshape(*frames.shape[:2], -1)
+    channel_weights = np.ones(by_channel.shape[2]) if weights is None else np.asarray(weights)
+    return np.asarray(np.isfinite(by_channel[:, :, _compared(channel_weights)]).any(axis=(1, 2)))
+
+
+def notes_on_omitted(has_values: BoolArray) -> tuple[str, ...]:
+    """Return a note on the frames that are left out, if ``has_values`` (T,) is False for some."""
+    omitted = np.flatnonzero(~has_values)
+    named = ", ".join(map(str, omitted[:5])) + ", ..." * (len(omitted) > 5)
+    frames = counted(len(omitted), "frame")
+    text = f"{frames} without values left out, counted from 0: {named}"
+    return (text,) if len(omitted) else ()
+
+
+def _compared(weights: FloatArray) -> BoolArray:
+    """Return a mask (C,) of the channels that are compared: of a weight above 0, or all."""
+    return np.asarray((weights > 0) | ~(weights > 0).any())
 
 
 def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:

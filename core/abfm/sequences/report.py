@@ -30,6 +30,7 @@ def details(sequence: Sequence) -> dict[str, Any]:
         "faces": len(sequence.mesh.faces),
         "frames": len(sequence.frames),
         "channels": sequence.frames.shape[2],
+        "frame_numbers": sequence.numbers.tolist(),
         "times": sequence.times.tolist(),
         "unit_of_time": sequence.unit_of_time or None,
         "order": sequence.parameters.order,

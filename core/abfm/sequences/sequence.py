@@ -71,6 +71,8 @@ class Sequence(Solution, Display):
         The given frames. Values are filled in where some frame is not finite or the mask is 0.
     times : (T,) array
         Ascending times.
+    numbers : (T,) array
+        Numbers of the frames in the input, counted from 0. Frames without values are left out.
     velocity : (T - 1, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
     parameters : SequenceParameters
@@ -369,7 +371,8 @@ def sequence(
     ----------
     mesh : TriangleMesh, or any input of `abfm.load_mesh`
     frames : (T, V) or (T, V, C) array, or object
-        Vertices with a value that is not finite, in any frame, are not compared. The axes may have
+        Frames without any finite value are left out, which ``notes`` reports. Vertices with a value
+        that is not finite, in any other frame, are not compared. The axes may have
         another order: the axis whose length is the number of vertices is that of the vertices. If
         several axes fit, ``notes`` reports that the second is used. Images of nibabel and nilearn,
         pandas objects and MNE's source estimates, see `abfm.functions.as_values`, have a column for
@@ -486,7 +489,7 @@ def _checked_frames(
     checked_frames = check_frames(
         mesh, values, found.times if times is None else times, mask, weights
     )
-    return replace(checked_frames, notes=found.notes)
+    return replace(checked_frames, notes=(*found.notes, *checked_frames.notes))
 
 
 def _checked_sequence(

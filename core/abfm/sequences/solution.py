@@ -20,7 +20,7 @@ from abfm.reading import from_json
 from abfm.sequences.frames import Frames
 from abfm.sequences.parameters import SequenceParameters
 from abfm.sequences.verdicts import is_unsolved
-from abfm.types import BoolArray, File, FloatArray
+from abfm.types import BoolArray, File, FloatArray, IntArray
 from abfm.wording import counted
 
 _NUMBERS = (
@@ -74,6 +74,10 @@ class Solution:
         return self._frames.times
 
     @property
+    def numbers(self) -> IntArray:
+        return self._frames.numbers
+
+    @property
     def unit_of_time(self) -> str:
         """Unit of the times: ``s``, or empty if they are frame numbers."""
         return self._frames.unit_of_time
@@ -106,7 +110,7 @@ class Solution:
             "notes": lambda: {"notes": np.array(frames.notes)} if frames.notes else {},
         }
         frame_names, local_names = (
-            ("times", "unit_of_time", "weights", "channels_given"),
+            ("times", "numbers", "unit_of_time", "weights", "channels_given"),
             ("velocity", *_NUMBERS),
         )
         for each, names in ((frames, frame_names), (self, local_names)):
@@ -131,6 +135,7 @@ class Solution:
             arrays.get("mask"),
             arrays["weights"],
             bool(arrays["channels_given"]),
+            arrays["numbers"],
             tuple(arrays["notes"].tolist()) if "notes" in arrays else (),
             str(arrays["unit_of_time"]),
         )

@@ -26,6 +26,7 @@ from abfm.sequences.exports import (
     export_stc,
     export_tracks,
 )
+from abfm.sequences.frames import have_values, notes_on_omitted
 from abfm.sequences.parameters import AUTOMATIC_NAMES, PARAMETER_NAMES, defaults
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.reading_frames import read_frames
@@ -49,7 +50,7 @@ from abfm.tasks.inputs import (
 from abfm.tasks.meshes import mesh_notes, mesh_of
 from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Export, Preview, Report, ResultFile, Table, Task, TaskInputs, preview_of
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
 
 SECONDS_MAX = 86400.0
@@ -275,8 +276,12 @@ class SequenceTask(Task):
             return self.frames.times
         return self.dt * np.arange(len(self.frames.values), dtype=np.float64)
 
+    @property
+    def _have_values(self) -> BoolArray:
+        return have_values(self.frames.values, self.options.get("weights"))
+
     def solve(self, monitor: Monitor) -> Sequence:
-        count = len(self.frames.values) - 1
+        count = int(self._have_values.sum()) - 1
         checkpoint = SequenceCheckpoint(
             monitor.checkpoint,
             lambda found: monitor.on_note(
@@ -298,11 +303,13 @@ class SequenceTask(Task):
         return found
 
     def notes(self) -> list[str]:
-        notes = [*mesh_notes(self.mesh), *self.frames.notes]
+        omitted = notes_on_omitted(self._have_values)
+        notes = [*mesh_notes(self.mesh), *self.frames.notes, *omitted]
         if self.times is None:
             notes.append("the file has no times; frames get the times 0, 1, 2, ... (set --dt)")
         return notes
 
     def check_export(self, path: Path) -> None:
         if path.suffix == ".stc" and self.times is not None:
-            even_step(path, (self.times[1:] + self.times[:-1]) / 2)
+            times = self.times[self._have_values]
+            even_step(path, (times[1:] + times[:-1]) / 2)

@@ -189,6 +189,25 @@ def test_nonfinite_values_are_not_compared(pattern, found):
     assert np.median(errors) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
 
 
+def test_frames_without_values_are_left_out(tmp_path):
+    """Numbers and times of the other frames, and the note, stay right in the saved result."""
+    frames = rotating_pattern(SPHERE, 0.05, 4)[0]
+    given = np.insert(frames, (1, 3), np.nan, axis=0)
+    numbers, times = np.array([0, 2, 3, 5]), np.array([0.0, 1.0, 2.5, 3.0, 4.0, 6.0])
+    found = [check_frames(SPHERE, given, each, None, None) for each in (None, times)]
+    for each, expected in zip(found, (numbers, times[numbers]), strict=True):
+        assert_array_equal(each.values[:, :, 0], frames)
+        assert_array_equal(each.times, expected)
+        assert_array_equal(each.numbers, numbers)
+        assert each.notes == ("2 frames without values left out, counted from 0: 1, 4",)
+    few = abfm.sequence(SPHERE, given[:4], parameters=SETTINGS, dt=0.1)
+    few.save(tmp_path / "s.npz")
+    saved = abfm.load(tmp_path / "s.npz")
+    assert_array_equal(saved.numbers, [0, 2, 3])
+    assert_allclose(saved.times, [0, 0.2, 0.3])
+    assert saved.notes == few.notes == ("1 frame without values left out, counted from 0: 1",)
+
+
 def test_given_frames_are_not_changed():
     mesh = with_loose_vertex(icosphere(1))
     given = np.arange(2.0)[:, None] + mesh.vertices[:, 0]
@@ -548,6 +567,7 @@ def test_noise_is_estimated_on_a_thresholded_surface():
         (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, ()),
         (np.zeros((2, 642)), {"weights": [1, 2]}, ()),
         (np.zeros((2, 642)), {"parameters": abfm.Parameters()}, ("parameters",)),
+        (np.where([[0], [1], [0]], 1, np.full((3, 642), np.nan)), {}, ()),
     ],
 )
 def test_invalid_input_is_refused_in_one_line(frames, given, named):

@@ -75,8 +75,11 @@ def test_frames_have_times(files, tmp_path, abfm):
     assert output.err == ""
     assert "per second" in output.out
     np.testing.assert_array_equal(load(tmp_path / "a.npz").times, np.arange(5))
-    output = abfm(f"sequence {{f}}/m.ply {{f}}/f.npy {SOLVED} --out={{t}}/a.npz", f=files)
-    check_message(line_with(output.err, "note: "), 1, "--dt")
+    np.save(tmp_path / "f.npy", np.insert(rotating_frames(), 2, np.nan, axis=0))
+    output = abfm(f"sequence {{f}}/m.ply {{t}}/f.npy {SOLVED} --out={{t}}/a.npz", f=files)
+    check_message(line_with(output.err, "left out"), 1, 2)
+    check_message(line_with(output.err, "no times"), 1, "--dt")
+    np.testing.assert_array_equal(load(tmp_path / "a.npz").times, [0, 1, 3, 4, 5])
     assert "per frame" in output.out
     assert "unit per frame\n" in abfm("info {t}/a.npz").out
 

@@ -86,14 +86,24 @@ def pause_and_cancel_the_run(opened, tmp_path):
     restart(opened, document)
 
 
-def open_by_the_menu(gui, tmp_path):
-    np.save(tmp_path / "wave.npy", FRAMES)
+def open_by_the_menu(gui, tmp_path, notes):
+    """Leave out a frame without values; the others keep their numbers and times."""
+    np.save(tmp_path / "wave.npy", np.insert(FRAMES, 2, np.nan, axis=0))
     gui.menu("File", "Open frames...")
     gui.click("wave.npy")
     gui.click("Open")
     gui.wait(lambda s: isinstance(s.document, SequenceDocument))
     np.testing.assert_array_equal(gui.session.document.sequence.frames.values[:, :, 0], FRAMES)
     assert gui.session.document.name == "wave.npy on mesh"
+    assert shown(gui, "target").title == "frame 1"
+    gui.click("Functions", within="steps")
+    assert ("1 frame without values left out, counted from 0: 2.", "muted") in notes()
+    assert gui.session.document.sequence.times.tolist() == [0, 1, *range(3, COUNT + 1)]
+    gui.type("frame step", "0.5")
+    assert gui.session.document.sequence.frame_label(2) == "frame 3, 1.5 s"
+    assert gui.text_of("to frame", kind="box") == "1"
+    gui.type("to frame", "3")
+    assert gui.session.sequence_match.pair == (0, 2)
 
 
 def compare_phases_on_a_circle(gui, tmp_path):

@@ -178,10 +178,11 @@ def pair():
 
 def sequence_document(solved=True):
     """Return phases with a mask, compared by cosine and sine, without the second field."""
-    values = np.arange(3)[:, None] + X
-    values[:, 4] = np.nan
-    phases = check_frames(SPHERE, values, (0.0, 0.5, 2.0), None, [2.0])
-    shown = circular_sequence(FrameSequence("wave", replace(phases, notes=("a note",))), 7.0)
+    values = np.arange(4)[:, None] + X
+    values[:, 4] = values[1] = np.nan
+    phases = check_frames(SPHERE, values, (0.0, 0.2, 0.5, 2.0), None, [2.0])
+    shown = circular_sequence(FrameSequence("wave", phases), 7.0)
+    assert [*map(shown.frame_label, range(3))] == ["frame 0, 0 s", "frame 2, 0.5 s", "frame 3, 2 s"]
     control, settings = Control(), defaults(alpha=0.1, sigma=0.5, order=1)
     given = {"mask": shown.frames.mask, "weights": shown.frames.weights}
     stop = {"on_interval": lambda number: control.cancel(), "control": control}
