@@ -133,12 +133,15 @@ def test_names_of_the_library_in_the_pages_exist():
             value = getattr(value, part) if hasattr(value, part) else import_module(found)
 
 
-TROUBLESHOOTING = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
+EXPLANATIONS = "\n\n".join(
+    (DOCS / "howto" / page).read_text(encoding="utf-8")
+    for page in ("troubleshooting.md", "numbers.md")
+)
 
 
-def test_options_in_troubleshooting_exist(capsys):
-    options = set(re.findall(r"`(--[a-z-]+)", TROUBLESHOOTING))
-    settings = set(re.findall(r"`--set (\w+)=", TROUBLESHOOTING))
+def test_options_in_explanations_exist(capsys):
+    options = set(re.findall(r"`(--[a-z-]+)", EXPLANATIONS))
+    settings = set(re.findall(r"`--set (\w+)=", EXPLANATIONS))
     helps = []
     for command in ("match", "register", "sequence", "population"):
         with pytest.raises(SystemExit):
@@ -150,18 +153,18 @@ def test_options_in_troubleshooting_exist(capsys):
     assert settings <= {*FIELDS}
 
 
-def test_parameters_in_troubleshooting_exist():
+def test_parameters_in_explanations_exist():
     """Names in code are parameters, or arguments of functions."""
     functions = match, register, load_mesh
     known = {*FIELDS, *(name for each in functions for name in signature(each).parameters)}
-    names = set(re.findall(r"`([a-z_]+)(?:=[^`]*)?`", TROUBLESHOOTING))
+    names = set(re.findall(r"`([a-z_]+)(?:=[^`]*)?`", EXPLANATIONS))
     assert names - known == {"kind", "cause", "verdict"}
 
 
-def test_labels_in_troubleshooting_exist():
+def test_labels_in_explanations_exist():
     """Names in bold are labels of the window."""
     code = "".join(path.read_text("utf-8") for path in (ROOT / "abfm_viewer").rglob("*.py"))
     code += (ROOT / "core/abfm/matching/judging/remedies.py").read_text("utf-8")
-    labels = set(re.findall(r"\*\*([^*]+)\*\*", " ".join(TROUBLESHOOTING.split())))
+    labels = set(re.findall(r"\*\*([^*]+)\*\*", " ".join(EXPLANATIONS.split())))
     assert len(labels) > 10
     assert {label for label in labels if f'"{label}' not in code} == set()

@@ -1,39 +1,46 @@
-"""`abfm explain`: the meaning of an outcome, a cause or a warning, and what to do next."""
+"""`abfm explain`: the meaning of verdicts, warnings, numbers and parameters."""
 
 import argparse
 import shutil
 import textwrap
 from pathlib import Path
 
-from abfm import troubleshooting
+from abfm import explanations
 from abfm.errors import printable
 from abfm.outcome import Facts, Outcome
 from abfm.wording import capital
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 
-SUMMARY = "explain an outcome, a cause or a warning"
+SUMMARY = "explain a verdict, a warning, a number or a parameter"
 DESCRIPTION = """\
-Explain the meaning of outcomes, causes and warnings, and the next steps. The last line of a report
-names those of its result. Without a name, list all of them.
+Explain outcomes, causes and warnings, with the next steps, and also numbers and parameters. The
+last line of a report names those of its result. Without a name, list all of them.
 
 Examples:
   abfm explain
   abfm explain values-differ
+  abfm explain residual
 """
 _WIDTH_MAX = 100
 
 
 def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
-    add("names", "outcomes, causes or warnings", "[NAME...]", nargs="*", default=[])
+    add(
+        "names",
+        "outcomes, causes, warnings, numbers or parameters",
+        "[NAME...]",
+        nargs="*",
+        default=[],
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     if files := [printable(name) for name in arguments.names if Path(name).suffix]:
         raise UsageError(f"{files[0]} is a file; abfm info {files[0]} prints the names to explain")
     joined = " ".join(arguments.names)  # a name of several words without hyphens
-    is_one = troubleshooting.slug(joined) in map(troubleshooting.slug, troubleshooting.names())
+    is_one = explanations.slug(joined) in map(explanations.slug, explanations.names())
     texts = [_explanation(name) for name in ([joined] if is_one else arguments.names)]
     print("\n\n".join(texts) if texts else _overview())
     return 0
@@ -46,14 +53,14 @@ def help_lines(facts: Facts) -> list[str]:
     """
     is_plain = facts.outcome in (Outcome.MATCHED, Outcome.REGISTERED)
     topics = (facts.topics[1:] if is_plain else ()) or facts.topics  # only the warnings
-    names = " ".join(map(troubleshooting.slug, topics))
+    names = " ".join(map(explanations.slug, topics))
     return [f"help: abfm explain {names}"] if facts.needs_help else []
 
 
 def _explanation(name: str) -> str:
     width = min(shutil.get_terminal_size().columns, _WIDTH_MAX)
-    lines = [capital(troubleshooting.title(name)), ""]
-    for text in troubleshooting.paragraphs(name):
+    lines = [capital(explanations.title(name)), ""]
+    for text in explanations.paragraphs(name):
         is_item = text.startswith("- ")
         if is_item and lines[-2].startswith(("- ", "  ")):
             lines.pop()  # no empty line between the items of a list
@@ -63,7 +70,7 @@ def _explanation(name: str) -> str:
 
 def _overview() -> str:
     blocks = []
-    for group, names in troubleshooting.groups().items():
-        lines = (f"  {troubleshooting.slug(n):<25}{troubleshooting.summary(n)}" for n in names)
+    for group, names in explanations.groups().items():
+        lines = (f"  {explanations.slug(n):<25}{explanations.summary(n)}" for n in names)
         blocks.append("\n".join([f"{group}:", *lines]))
     return "\n\n".join(blocks)

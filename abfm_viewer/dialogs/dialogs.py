@@ -1,9 +1,11 @@
 """The stack of modal dialogs, of which only the newest is drawn."""
 
+import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import polyscope.imgui as imgui
@@ -25,6 +27,7 @@ class Message:
     title: str
     lines: Sequence[Line]
     copied: str = ""  # text for the clipboard; empty for no button Copy
+    link: str = ""  # address of a page for the browser; empty for no button
 
     def draw(self, ui: Ui) -> bool:
         with dialog(ui, self.title, _MESSAGE_WIDTH):
@@ -35,6 +38,11 @@ class Message:
             if self.copied:
                 if ui.button("Copy", "All lines as text, to the clipboard.", width=ui.px(110)):
                     imgui.SetClipboardText(self.copied)
+                ui.same_line()
+            if self.link:
+                if ui.button("Open in the browser", "Show this section on the built site."):
+                    # a slow browser must not stop the window
+                    Thread(target=webbrowser.open, args=(self.link,), daemon=True).start()
                 ui.same_line()
             closed = ui.button("Close", "Esc", primary=True, width=ui.px(110))
             keys = (imgui.ImGuiKey_Enter, imgui.ImGuiKey_Escape)
@@ -124,9 +132,9 @@ class Dialogs:
 
         self._open.append((Question(title, text, tuple(buttons), instead), answered))
 
-    def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
+    def show(self, title: str, lines: Sequence[Line], copied: str = "", link: str = "") -> None:
         """Show paragraphs, rows of two columns, or headings (rows with an empty second column)."""
-        self._open.append((Message(title, lines, copied), lambda _: self._close()))
+        self._open.append((Message(title, lines, copied, link), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:
         if not self._open:

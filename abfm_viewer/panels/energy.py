@@ -15,6 +15,7 @@ from abfm_viewer.document.document import RunRecord
 from abfm_viewer.document.verdict_words import LONG_RANGE
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import Ui
@@ -48,9 +49,11 @@ def draw(context: Context) -> None:
     if view == "trade-off":
         tip = "Write the steps of the continuation to a table. Available after the run."
         title, file, is_enabled = "Export the path", "path.csv", not session.solver.running
+        topics = "trade-off", "area change"
     else:
         tip = "Write the total energy, smoothness and closeness of each iteration to a table."
         title, file, is_enabled = "Export the energy", "energy.csv", run is not None
+        topics = "iterations", "energy"
 
     def export(path: Path) -> None:
         """Write the steps or energies that were plotted when the user pressed the button."""
@@ -63,6 +66,7 @@ def draw(context: Context) -> None:
 
     if ui.button("Export CSV...", tip, enabled=is_enabled):
         context.dialogs.save(title, (".csv",), file, export)
+    draw_help(context, *topics)
     if view == "trade-off":
         trade_off.draw(context, path)
     else:

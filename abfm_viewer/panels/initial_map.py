@@ -10,6 +10,7 @@ from abfm.wording import sentence
 from abfm_viewer.document.kinds import GIVEN_WORD, PairDocument
 from abfm_viewer.files.contents import MESHES
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 
 _MAP_TIP = (
     "Map from each point of B to A before the flow. The flow on B corrects its remaining errors."
@@ -102,6 +103,7 @@ def draw(context: Context) -> None:
     names = ", ".join(Path(file).name for file in files)
     tip = "\n\n".join(filter(None, (_MAP_TIP, f"{sentence(now)} {current.about}", names)))
     label = ui.combo("initial map", now, {key: one.about for key, one in choices.items()}, tip)
+    draw_help(context, "initial-map cost", "initial map")
     if label != now:
         _choose(context, choices[label], ())
     elif current.can_mirror:

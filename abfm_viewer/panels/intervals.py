@@ -13,6 +13,7 @@ from abfm.wording import share
 from abfm_viewer.document.frame_sequence import FrameSequence
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.widgets import plots
 
 _EMPTY_NOTE = (
@@ -39,6 +40,7 @@ def draw(context: Context) -> None:
     shows_speed = document.view.speeds or result is None or is_live
     with ui.disabled(result is None or is_live):
         chosen = ui.radio(views, views[shows_speed], [*_VIEWS.values()])
+    draw_help(context, "intervals", "motion share", "uncertainty")
     if chosen != views[shows_speed]:
         session.editor.set_view(f"plot {chosen}", speeds=chosen == "speed")
     if result is None or is_live or shows_speed:

@@ -8,8 +8,10 @@ from abfm.wording import counted, sentence
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, TRANSFERRED_COLORINGS, Coloring
 from abfm_viewer.document.verdict_words import refinement_text
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.session_files import LABELS
 from abfm_viewer.widgets import plots
+from abfm_viewer.widgets.toolkit import HELP_TEXT
 from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
@@ -59,6 +61,7 @@ def draw_coloring(context: Context) -> None:
     now = context.session.view.coloring
     tip = f"Colours of the advected surface. {_COLORINGS[now]}"
     chosen = context.ui.combo("color by", now, _COLORINGS, tip)
+    draw_help(context, "colour range", "speed", "area change")
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
     if chosen == "labels":
         _draw_labels(context, opens=chosen != now)
@@ -112,6 +115,7 @@ def draw_tracks(context: Context) -> None:
     ui, session = context.ui, context.session
     with ui.disabled(session.document.result is None):
         _switch(context, "tracks", "tracks", "toggle tracks", _TRACKS)
+    draw_help(context, "tracks", "uncertainty")
     if found := context.shown.tracks.counts():
         named = {counted(count, kind): CRITICAL_COLORS[kind] for kind, count in found.items()}
         plots.legend(ui, named)
@@ -141,7 +145,9 @@ def draw_compare(context: Context) -> None:
 
 
 def draw_numbers(context: Context) -> None:
-    context.ui.heading("in numbers")
+    context.ui.heading("in numbers", buttons=[HELP_TEXT])
+    topics = "residual", "speed", "area change", "folded faces", "round trip"
+    draw_help(context, *topics, name="Explain numbers", after_heading=True)
     for draw_some in (_error, _field, _map, _points):
         draw_some(context)
 

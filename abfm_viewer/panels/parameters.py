@@ -16,6 +16,7 @@ from abfm.parameters import (
 )
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import section
@@ -121,6 +122,7 @@ def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     parameters = session.parameters
     _preset(ui, session)
+    draw_help(context, *_MAIN_PARAMETERS, name="Explain parameters")
     for name in _MAIN_PARAMETERS:
         _control(ui, session, name)
     draw_switches(ui, session)

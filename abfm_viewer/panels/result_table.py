@@ -13,6 +13,7 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.comparison import ComparisonKind
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.result_tables import Tables
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Pushed, TextTone, Ui
@@ -70,6 +71,7 @@ def draw(context: Context, rect: Rect) -> None:
         tables.has_keys = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
     with window(ui, "result table", rect), ui.group("table"):
         _draw_line(ui, tables)
+        draw_help(context, "quality columns")
         if tables.table is not None:
             _draw_rows(ui, tables)
 

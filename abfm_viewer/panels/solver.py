@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import polyscope.imgui as imgui
 
 import abfm
-from abfm import troubleshooting
-from abfm.outcome import Facts, Outcome
+from abfm.outcome import Facts, Outcome, WarningTopic
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded_time
-from abfm_viewer.dialogs.dialogs import Line
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.explanations import OUTCOME, draw_help, note_with_help
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
-from abfm_viewer.widgets.toolkit import HELP_LABEL, TextTone, Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 # minimum height of the state, so that the parts below seldom move: six lines of text, or four
 # lines and a row of buttons
@@ -30,7 +29,6 @@ _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
 _BAR_HEIGHT = 8  # of progress bars, as on cards; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
-_HELP_TIP = "Explain this outcome."
 _WARM_START_LABEL = "from the current field"
 _FOLLOW_TIP = (
     "During a run, a changed parameter or function restarts the solver from its current field. A "
@@ -53,7 +51,7 @@ def draw(context: Context, draw_state: Callable[[Context], None]) -> None:
     fits: Fits = "exactly" if session.solver.running else "at least"
     with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown_row) is not None:
-            _draw_headline(context, f"{row.name}: {row.verdict}", row.facts.tone, row.facts.topics)
+            note_with_help(context, f"{row.name}: {row.verdict}", row.facts.tone, row.facts.topics)
             ui.note(sentence(row.facts.reason or "it has no result yet"), "ink")
             ui.note(f"The surfaces still show {session.document.name}.")
         else:
@@ -75,19 +73,6 @@ def draw_match(context: Context) -> None:
         _draw_progress(context.ui, context.session)
     else:
         _draw_verdict(context)
-
-
-def _draw_headline(
-    context: Context, text: str, tone: TextTone, topics: Sequence[str], tip: str = ""
-) -> None:
-    ui = context.ui
-    ui.note(text, tone, ui.remaining_width(HELP_LABEL))
-    ui.tip(tip)
-    if ui.help_button(_HELP_TIP):
-        lines: list[Line] = []
-        for topic in topics:
-            lines += [(capital(topic), ""), *troubleshooting.paragraphs(topic)]
-        context.dialogs.show("Explanation", lines)
 
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
@@ -173,7 +158,7 @@ def draw_sequence(context: Context) -> None:
     now = document.interval
     verdict = result.verdicts[now]
     topics = *facts.topics, *({verdict.topic} - {*facts.topics})
-    _draw_headline(context, capital(facts.headline), "muted" if outdated else facts.tone, topics)
+    note_with_help(context, capital(facts.headline), "muted" if outdated else facts.tone, topics)
     if outdated:
         ui.note("Frames or parameters have changed. Match all frames again.", "ink")
     interval = abfm.sequences.interval_headline(result, now)
@@ -200,7 +185,7 @@ def _draw_verdict(context: Context) -> None:
 def _draw_before(context: Context) -> None:
     ui, session = context.ui, context.session
     if (facts := session.work.expected_facts) is not None:
-        _draw_headline(context, _expected_text(facts), facts.tone, facts.topics)
+        note_with_help(context, _expected_text(facts), facts.tone, facts.topics)
         return
     failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
@@ -217,7 +202,9 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     ui, session = context.ui, context.session
     tone = "muted" if session.outdated else facts.tone
     tip = "" if facts.short_headline == facts.headline else capital(facts.headline)
-    _draw_headline(context, capital(facts.short_headline), tone, facts.topics, tip)
+    ui.note(capital(facts.short_headline), tone, ui.room_before_help)
+    ui.tip(tip)
+    draw_help(context, *facts.topics, name=OUTCOME)
     if steps := len(result.energy_history) - 1:  # their number follows on the same line if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
@@ -227,15 +214,26 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
             ui.note(text)
     if not session.outdated:
         ui.note(sentence(facts.reason), "ink")
-        for warning in facts.warnings:
-            ui.note(sentence(warning), "warning")
+        if facts.warnings:
+            _draw_warnings(context, facts)
     elif (expected := session.work.expected_facts) is not None:
         ui.note(_expected_text(expected), expected.tone)
     else:
         ui.note("Functions or parameters have changed since this match.", "ink")
     _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.numbers_text(result):
-        ui.note(numbers)
+        topics = ["residual", "flow-line residual", "area change"]
+        if result.problem.is_of_landmarks:
+            topics = ["landmark error", "folded faces"]
+        note_with_help(context, numbers, "muted", topics, name="Explain residuals")
+
+
+def _draw_warnings(context: Context, facts: Facts) -> None:
+    first, *others = map(sentence, facts.warnings)
+    topics = [topic for topic in facts.topics if topic in [*WarningTopic]] or facts.topics
+    note_with_help(context, first, "warning", topics, name="Explain warnings")
+    for warning in others:
+        context.ui.note(warning, "warning")
 
 
 def _draw_compared(context: Context, compared: Comparison) -> None:
@@ -245,7 +243,7 @@ def _draw_compared(context: Context, compared: Comparison) -> None:
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
     outlier = [] if found.fits[number] else [str(Outcome.OUTLIER)]
     text, topics = ", ".join([f"{compared.name}: {verdict}", *outlier]), [*outlier, verdict]
-    _draw_headline(context, text, "good" if is_good else "failure", topics)
+    note_with_help(context, text, "good" if is_good else "failure", topics)
     if found.reasons[number]:
         ui.note(sentence(found.reasons[number]), "ink")
     about = "Shown on the template. Press Registration in the table to see the flow."

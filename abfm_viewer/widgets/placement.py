@@ -1,9 +1,9 @@
-"""Places of tooltips and cards next to what they explain."""
+"""Places for tooltips and cards next to the widgets that they explain."""
 
 from abfm_viewer.widgets.widget_record import Rect
 
 Size = tuple[float, float]
-_WIDE = 0.5  # share of the window's width above which an area has no useful space at its sides
+_WIDTH_SHARE_MAX = 0.5  # of the window; wider areas have no useful space at their sides
 
 
 def hull(*rects: Rect) -> Rect:
@@ -26,7 +26,10 @@ def beside(item: Rect, area: Rect, window: Rect, size: Size, gap: float) -> tupl
     width, height = size
     x = min(max(item[0], left), max(right - width, left))
     y = min(max(item[1], top), max(bottom - height, top))
-    if area[2] - area[0] <= _WIDE * (right - left) and side_room(area, window) >= width + gap:
+    if (
+        area[2] - area[0] <= _WIDTH_SHARE_MAX * (right - left)
+        and side_room(area, window) >= width + gap
+    ):
         is_left = area[0] - left > right - area[2]
         return (area[0] - gap - width if is_left else area[2] + gap), y
     for below in (area[1], item[1]):

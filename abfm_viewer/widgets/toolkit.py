@@ -22,13 +22,14 @@ from abfm_viewer.widgets.widget_record import Range, Rect, Widget, WidgetKind, W
 
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"  # text of a number that is chosen automatically
-HELP_LABEL = "?"  # of `Ui.help_button`
+HELP_TEXT = "?"  # of `Ui.help_button`
 TextTone = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
 # lengths at a scale of 1
 _TIP_DISTANCE = 8  # movement of the mouse after a click until tooltips appear again
 _TIP_WIDTH = 320
+_HELP_PADDING = 4
 _TIP_GAP = 8
 _CAPTION_WIDTH = 96
 _CAPTION_SHARE_MAX = 0.45  # of the panel's width
@@ -311,11 +312,21 @@ class Ui:
             self._finish(text, "button", tip, shown, name=name)
         return pressed
 
-    def help_button(self, tip: str) -> bool:
-        """Draw a small button after the previous text; return whether it was pressed."""
-        imgui.SameLine()
-        pressed = bool(imgui.SmallButton(HELP_LABEL))
-        self._finish(HELP_LABEL, "button", tip)
+    @property
+    def help_width(self) -> float:
+        return self.text_width(HELP_TEXT) + 2 * self.px(_HELP_PADDING)
+
+    @property
+    def room_before_help(self) -> float:
+        """Width that remains for a text before a button "?" on the same line."""
+        taken = imgui.GetStyle().ItemSpacing[0] + self.help_width
+        return float(imgui.GetContentRegionAvail()[0] - taken)
+
+    def help_button(self, name: str, tip: str) -> bool:
+        """Draw a small button "?" with a name for scripts; return whether it was pressed."""
+        with Pushed({}, {imgui.ImGuiStyleVar_FramePadding: (self.px(_HELP_PADDING), 0)}):
+            pressed = bool(imgui.SmallButton(f"{HELP_TEXT}###{name}"))
+        self._finish(HELP_TEXT, "button", tip, name=name)
         return pressed
 
     def checkbox(self, label: str, value: bool, tip: str = "") -> bool:

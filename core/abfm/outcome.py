@@ -54,7 +54,7 @@ class Outcome(StrEnum):
 
 
 class WarningTopic(StrEnum):
-    """Name of a warning; ``abfm.troubleshooting`` has a section for each."""
+    """Name of a warning; ``abfm.explanations`` has a section for each."""
 
     AREAS_CHANGE = "areas change"
     LIMIT_EXCEEDED = "limit exceeded"
@@ -113,7 +113,7 @@ class Facts:
     is_complete : bool
         False if the run was interrupted (cancelled, or out of memory) or was never solved.
     topics : tuple of str
-        Names of the sections of ``abfm.troubleshooting`` that explain the outcome and the warnings;
+        Names of the sections of ``abfm.explanations`` that explain the outcome and the warnings;
         by default that of the outcome.
     short_headline : str
         The headline with shorter words, such as "areas ×1.4"; by default the headline.

@@ -9,7 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 
-from abfm import troubleshooting
+from abfm import explanations
 from abfm.wording import capital, sentence
 
 TEMPLATES = Path(__file__).parent / "template"
@@ -37,7 +37,7 @@ def environment(*folders: Path) -> Environment:
 
 def _explanation(topic: str) -> Markup:
     markdown = MarkdownIt("commonmark", {"html": False})
-    return Markup(markdown.render(troubleshooting.section(topic)))
+    return Markup(markdown.render(explanations.section(topic)))
 
 
 def stylesheet(*paths: Path) -> str:

@@ -162,7 +162,7 @@ class Clock:
 class Page:
     """Panels below a headline, with facts and notes. Without a clock the page has no time bar.
 
-    The sections ``topics`` of ``abfm.troubleshooting`` explain the headline.
+    The sections ``topics`` of ``abfm.explanations`` explain the headline.
     """
 
     title: str

@@ -13,12 +13,12 @@ import trimesh
 from PIL import Image
 
 from abfm import Parameters, load
+from abfm.explanations import names as section_names
+from abfm.explanations import slug
 from abfm.functions import families
 from abfm.matching.report import path_lines
 from abfm.matching.task import MatchTask
 from abfm.parameters import FIELDS, MAIN_FIELDS
-from abfm.troubleshooting import names as section_names
-from abfm.troubleshooting import slug
 from abfm.workers import progress
 from abfm_viewer.cli import commands, main
 from abfm_viewer.cli.options import Parser

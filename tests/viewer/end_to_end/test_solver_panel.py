@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 import abfm
+from abfm.explanations import summary
 from abfm.matching import Cause, Remedy
-from abfm.troubleshooting import summary
 from abfm.workers.control import current_control
 from abfm_viewer.computing.iterates import IteratePicture
 from abfm_viewer.computing.run import Process
+from abfm_viewer.panels.explanations import OUTCOME
 from tests.messages import check_message
 from tests.viewer.sessions import ENDLESS, SHORT, begin, cancel, match, restart
 
@@ -162,12 +163,13 @@ def explain_the_verdict(gui):
     verdict = replace(session.result.verdict, cause=Cause.SOURCE_UNMOVED)
     session.editor.amend(result=replace(session.result, verdict=verdict))
     gui.frames(2)
-    gui.click("?")
-    title, lines, _ = vars(gui.window.dialogs._open[-1][0]).values()
-    assert title == "Explanation"
-    assert lines[0] == ("Source unmoved", "")
-    assert lines[1].startswith(summary("source unmoved"))
-    gui.click("Close")
+    for name, topic in {OUTCOME: "source unmoved", "Explain residuals": "residual"}.items():
+        gui.click(name)
+        shown = gui.window.dialogs._open[-1][0]
+        assert shown.title == "Explanation"
+        assert shown.lines[0] == (topic.capitalize(), "")
+        assert shown.lines[1].startswith(summary(topic))
+        gui.click("Close")
 
 
 def change_parameters_by_remedies(gui):

@@ -93,13 +93,14 @@ def _name(widget):
     """Return the section and the name of a widget.
 
     Similar widgets share one name: those of all channels, of source and target, of all steps of a
-    path, and of all dialogs that save.
+    path, all dialogs that save, and all buttons "?".
     """
     section = "message" if widget.section.startswith("message ") else widget.section
     section = section.replace("Functions/target", "Functions/source")
     section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
     label = "step" if widget.kind == "marker" or section == "Match/step" else label
+    section = "" if label == "?" else section
     label = "row" if (section, widget.kind) == ("table/rows", "choice") else label
     if section == "Save" and widget.kind == "choice":
         label = "file"

@@ -1,4 +1,4 @@
-"""Places of tooltips: beside panels, above wide bars, and never over what they explain."""
+"""Places of tooltips: next to panels and above wide bars, never over the explained widget."""
 
 import pytest
 

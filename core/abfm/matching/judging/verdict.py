@@ -65,7 +65,7 @@ class Verdict:
 
     @property
     def topic(self) -> str:
-        """Section of ``abfm.troubleshooting`` on the cause or, without a cause, on the outcome."""
+        """Section of ``abfm.explanations`` on the cause or, without a cause, on the outcome."""
         return str(self.kind if self.cause is Cause.NONE else self.cause)
 
     @property
