@@ -19,7 +19,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.pages.front import Front, Triple, best_front
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.document.comparison import Comparison
-from abfm_viewer.document.keyboard import COMMAND
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.document.label_map import LabelMap
 
 if TYPE_CHECKING:  # documents without a result do not load the types of results
@@ -351,15 +351,15 @@ class Document:
     match_label: ClassVar[str] = "Match"
     """Label of the button that starts a run."""
     match_tip: ClassVar[str] = (
-        f"Find the field whose flow advects the source to the target ({COMMAND}+Enter)."
+        f"Find the field whose flow advects the source to the target ({hint('match')})."
     )
     """Tooltip of the button that starts a run."""
     cancel_tip: ClassVar[str] = (
-        "End the run and keep the best field so far (Esc). Continue resumes from it."
+        f"End the run and keep the best field so far ({hint('cancel')}). Continue resumes from it."
     )
     """Tooltip of the button that ends a run."""
     play_tips: ClassVar[tuple[str, ...]] = (
-        "Play the flow from the source to the target (Space).",
+        "Play the flow from the source to the target.",
         "Go back by τ/20.",
         "Go forward by τ/20.",
         "Show the source, time 0.",

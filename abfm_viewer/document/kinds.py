@@ -37,7 +37,7 @@ from abfm_viewer.document.frame_sequence import (
     SequenceSettings,
     settings_of,
 )
-from abfm_viewer.document.keyboard import COMMAND
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.document.surface_points import landmarks_of_match
 
 if TYPE_CHECKING:  # documents without a result do not load the types of results
@@ -310,13 +310,14 @@ class SequenceDocument(Document):
 
     match_label: ClassVar[str] = "Match all frames"
     match_tip: ClassVar[str] = (
-        f"Find the fields that advect each frame to the next, all in one run ({COMMAND}+Enter)."
+        f"Find the fields that advect each frame to the next, all in one run ({hint('match')})."
     )
     cancel_tip: ClassVar[str] = (
-        "End the run and keep the fields found so far (Esc). The next run resumes from them."
+        f"End the run and keep the fields found so far ({hint('cancel')}). The next run resumes "
+        "from them."
     )
     play_tips: ClassVar[tuple[str, ...]] = (
-        "Play the frames (Space).",
+        "Play the frames.",
         "Show the previous frame.",
         "Show the next frame.",
         "Show the first frame.",

@@ -9,6 +9,7 @@ import polyscope.imgui as imgui
 
 from abfm.wording import capital
 from abfm_viewer.appearance.theme import Color
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.notices import Card
 from abfm_viewer.session.session import Session
@@ -67,7 +68,9 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
             notices.dismiss(message)
             do()
         ui.same_line_if_fits(labels[number + 1])
-    if ui.button("Dismiss", "Remove this message (Esc). Help, Messages lists all messages."):
+    if ui.button(
+        "Dismiss", f"Remove this message ({hint('cancel')}). Help, Messages lists all messages."
+    ):
         notices.dismiss(message)
     if more > 0:
         ui.note(f"and {more} more")

@@ -7,19 +7,20 @@ from pathlib import Path
 import abfm
 from abfm.wording import counted, share
 from abfm_viewer.document.document import SIDES, Document, Landmark
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.document.surface_points import landmark_pairs, landmarks_of
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 
 FILES = (".csv", ".txt", ".vts")
 PLACE_TIP = (
-    "Place pairs of points that the flow should match (M). Click on one surface and then on the "
-    "corresponding point of the other; drag a point to move it."
+    f"Place pairs of points that the flow should match ({hint('place landmarks')}). Click on one "
+    "surface and then on the corresponding point of the other; drag a point to move it."
 )
 _ALONE_TIP = "Match only the landmarks. The functions are advected by the same flow."
 _OPEN_TIP = "Open pairs from a file. Each line has vertices of both surfaces or their coordinates."
 _SAVE = "Write the pairs to a .csv file, as coordinates on both surfaces."
-_REMOVE = "Remove the selected landmark from both surfaces (Delete)."
+_REMOVE = f"Remove the selected landmark from both surfaces ({hint('remove landmark')})."
 
 
 def draw(context: Context) -> None:

@@ -13,6 +13,7 @@ from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded_time
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
+from abfm_viewer.document.keyboard import with_key
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import OUTCOME, draw_help, note_with_help
@@ -90,9 +91,9 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     if ui.button(document.match_label, tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.same_line()
-    label, tip = "Pause", "Pause the solver (P)."
+    label, tip = "Pause", with_key("Pause the solver.", "pause")
     if solver.paused:
-        label, tip = "Resume", "Resume the solver (P)."
+        label, tip = "Resume", with_key("Resume the solver.", "pause")
     if ui.button(label, tip, enabled=solver.running, width=side):
         solver.resume() if solver.paused else solver.pause()
     ui.same_line()

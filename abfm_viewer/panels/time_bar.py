@@ -4,6 +4,7 @@ import math
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.document.keyboard import with_key
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
@@ -59,8 +60,9 @@ def draw(context: Context, rect: Rect) -> None:
 def _buttons(ui: Ui, session: Session) -> None:
     player, document = session.player, session.document
     times = document.time_after(-STEP), document.time_after(STEP), document.start
-    tip, *tips = document.play_tips
-    tip = "Pause (Space)." if player.playing else tip
+    keys = "play", "back", "forward", "start"
+    tip, *tips = map(with_key, document.play_tips, keys)
+    tip = with_key("Pause.", "play") if player.playing else tip
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
     labels = ("<", 26), (">", 26), ("to start", 0)

@@ -18,7 +18,7 @@ from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.matching import ProblemSpec, Snapshot
 from abfm_viewer.document.document import Document, Identity, Point, RunRecord, Side, View
 from abfm_viewer.document.frame_sequence import FRAMES_A_SECOND
-from abfm_viewer.document.keyboard import COMMAND
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.document.kinds import MatchDocument, PairDocument, SequenceDocument
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.document.verdict_words import residual_text, stage_text
@@ -529,5 +529,5 @@ def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> st
     if not count:
         return f"{text}; the earlier result is kept"
     earlier_count = int(earlier.solved.sum())
-    undo = f"Undo ({COMMAND}+Z)"
+    undo = f"Undo ({hint('undo')})"
     return f"{text}; {undo} restores the earlier result, which has {earlier_count} of them"

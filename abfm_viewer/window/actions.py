@@ -12,15 +12,13 @@ import polyscope.imgui as imgui
 
 from abfm.pages.front import Front, triple
 from abfm_viewer.document.document import Document, Viewpoint
-from abfm_viewer.document.keyboard import COMMAND
+from abfm_viewer.document.keyboard import AXES, COMMAND, KEYS, hint
 from abfm_viewer.files.contents import PROJECT, RESULT
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME
 
-AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "Shift+X", "-y": "Shift+Y", "-z": "Shift+Z"}
-"""Axes to look from, and their keys."""
 _ESCAPE = (
     "in this order: close a menu, dismiss a message, show all surfaces, cancel the match (Continue "
     "resumes from the best field)"
@@ -48,19 +46,19 @@ class Action:
 
     group: str  # heading in the list in Help
     text: str  # description in the list in Help
-    keys: str  # such as "Ctrl+Y or Ctrl+Shift+Z"; Cmd on a Mac
+    name: str  # in `KEYS`
     do: Callable[[], None]
     repeats: bool = False  # while the key is pressed
     while_typing: bool = False  # also in a text box, after its text is taken over
 
     @property
-    def chords(self) -> list[str]:
-        return self.keys.split(" or ")
-
-    @property
     def hint(self) -> str:
         """The first shortcut, with the names of keys on the user's keyboard."""
-        return self.chords[0].replace("Ctrl", COMMAND)
+        return hint(self.name)
+
+    @property
+    def chords(self) -> list[str]:
+        return KEYS[self.name].split(" or ")
 
     @property
     def is_pressed(self) -> bool:
@@ -114,53 +112,55 @@ class Actions:
         session = context.session
         set_time, set_view = session.set_time, session.editor.set_view
         files = partial(Action, "Files", while_typing=True)
-        self.open_mesh = files("open a mesh", "Ctrl+O", context.open_mesh)
+        self.open_mesh = files("open a mesh", "open mesh", context.open_mesh)
         title, formats = "Open a project or a result", (PROJECT, RESULT)
         do = partial(context.dialogs.open, title, formats, context.files.open)
-        self.open_project = files("open a project or a result", "Ctrl+Shift+O", do)
-        self.save = files("save the project", "Ctrl+S", self._save)
+        self.open_project = files("open a project or a result", "open project", do)
+        self.save = files("save the project", "save", self._save)
         text = "save the project under another name"
-        self.save_as = files(text, "Ctrl+Shift+S", self._choose_file)
-        self.quit = files("quit", "Ctrl+Q", self._quit)
+        self.save_as = files(text, "save as", self._choose_file)
+        self.quit = files("quit", "quit", self._quit)
         changes = partial(Action, "Changes", repeats=True)
-        self.undo = changes("undo", "Ctrl+Z", session.undo)
-        self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
+        self.undo = changes("undo", "undo", session.undo)
+        self.redo = changes("redo", "redo", session.redo)
         landmarks = partial(Action, "Landmarks")
         text = "start or stop placing landmarks by clicks"
-        self.place_landmarks = landmarks(text, "M", self._switch_placing)
+        self.place_landmarks = landmarks(text, "place landmarks", self._switch_placing)
         text, remove = "remove the selected landmark", session.editor.remove_landmark
-        self.remove_landmark = landmarks(text, "Delete or Backspace", remove)
+        self.remove_landmark = landmarks(text, "remove landmark", remove)
         solver = partial(Action, "Solver")
-        self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
-        self.pause = solver("pause or resume", "P", self._pause)
-        self.cancel = solver(_ESCAPE, "Esc", self._escape)
+        self.match = solver("match", "match", session.match, while_typing=True)
+        self.pause = solver("pause or resume", "pause", self._pause)
+        self.cancel = solver(_ESCAPE, "cancel", self._escape)
         text = "show a smoother step of the continuation, or the row above in the table"
-        self.smoother = solver(text, "Up", lambda: self._select_next(-1))
+        self.smoother = solver(text, "smoother", lambda: self._select_next(-1))
         text = "show a closer step of the continuation, or the row below in the table"
-        self.closer = solver(text, "Down", lambda: self._select_next(1))
+        self.closer = solver(text, "closer", lambda: self._select_next(1))
         times, step = partial(Action, "Time"), self._step
-        self.play = times("play or pause", "Space", session.player.toggle)
-        self.back = times("back by τ / 20", "Left", lambda: step(-STEP), repeats=True)
-        self.forward = times("forward by τ / 20", "Right", lambda: step(STEP), repeats=True)
-        self.go_to_start = times("to time 0", "Home", lambda: set_time(session.document.start))
-        self.go_to_end = times("to τ", "End", lambda: set_time(session.document.last_target_time))
+        self.play = times("play or pause", "play", session.player.toggle)
+        self.back = times("back by τ / 20", "back", lambda: step(-STEP), repeats=True)
+        self.forward = times("forward by τ / 20", "forward", lambda: step(STEP), repeats=True)
+        self.go_to_start = times("to time 0", "start", lambda: set_time(session.document.start))
+        self.go_to_end = times("to τ", "end", lambda: set_time(session.document.last_target_time))
         views, switch = partial(Action, "View"), self._switch
-        self.switch_theme = views("light or dark theme", "L", self._switch_theme)
+        self.switch_theme = views("light or dark theme", "theme", self._switch_theme)
         show = self._dialogs.show
         self.show_shortcuts = views(
-            "this list of shortcuts", "F1", lambda: show("Shortcuts", self.listed())
+            "this list of shortcuts", "shortcuts", lambda: show("Shortcuts", self.listed())
         )
         do = partial(set_view, "look from the front", viewpoint=None)
-        self.reset = views("look from the front again", "R", do)
+        self.reset = views("look from the front again", "reset camera", do)
         self.axes = {
-            axis: views(f"look from {axis}", keys, partial(self._look_from, axis))
-            for axis, keys in AXES.items()
+            axis: views(f"look from {axis}", f"look from {axis}", partial(self._look_from, axis))
+            for axis in AXES
         }
-        self.wireframe = views("wireframe", "W", lambda: switch("wireframe", "the wireframe"))
-        self.flat = views("flat or smooth shading", "F", lambda: switch("flat", "flat shading"))
-        self.hide = views("hide the surface under the mouse", "H", self._hide)
+        self.wireframe = views(
+            "wireframe", "wireframe", lambda: switch("wireframe", "the wireframe")
+        )
+        self.flat = views("flat or smooth shading", "flat", lambda: switch("flat", "flat shading"))
+        self.hide = views("hide the surface under the mouse", "hide", self._hide)
         do = partial(set_view, "show all surfaces", hidden=(), enlarged="")
-        self.show_all = views("show all surfaces", "Shift+H", do)
+        self.show_all = views("show all surfaces", "show all", do)
         members = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
         self.all = tuple(one for some in members for one in some if isinstance(one, Action))
 
@@ -191,7 +191,9 @@ class Actions:
         for group in dict.fromkeys(action.group for action in self.all):
             rows.append((group, ""))
             actions = [action for action in self.all if action.group == group]
-            rows += [(action.keys.replace("Ctrl", COMMAND), action.text) for action in actions]
+            rows += [
+                (KEYS[action.name].replace("Ctrl", COMMAND), action.text) for action in actions
+            ]
         return [*rows, ("Mouse", ""), *_MOUSE]
 
     def show_messages(self) -> None:

@@ -10,7 +10,7 @@ from abfm import Parameters
 from abfm.pages import colormaps
 from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document.document import APPEARANCE, LAYOUTS, THEMES
-from abfm_viewer.document.keyboard import COMMAND
+from abfm_viewer.document.keyboard import hint
 from abfm_viewer.panels import landmarks
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
@@ -48,7 +48,7 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
         imgui.SetCursorPosX(imgui.GetCursorPosX() + max(available - ui.text_width(title), 0.0))
         ui.note(title, "ink" if saves.unsaved else "muted")
         if saves.unsaved:
-            ui.tip(f"Not saved since the last change ({COMMAND}+S).")
+            ui.tip(f"Not saved since the last change ({hint('save')}).")
     finally:
         imgui.EndMainMenuBar()
 

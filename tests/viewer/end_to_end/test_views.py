@@ -13,10 +13,11 @@ from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.run import RunState
 from abfm_viewer.document.document import Channel
+from abfm_viewer.document.keyboard import AXES
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.window.actions import AXES, axis_front
+from abfm_viewer.window.actions import axis_front
 from tests.messages import check_message, raises
 from tests.shapes import torus
 from tests.viewer.sessions import begin, match

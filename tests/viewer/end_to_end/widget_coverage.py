@@ -93,7 +93,7 @@ def _name(widget):
     """Return the section and the name of a widget.
 
     Similar widgets share one name: those of all channels, of source and target, of all steps of a
-    path, all dialogs that save, and all buttons "?".
+    path, and of all dialogs that save. All buttons "?" share one name as well.
     """
     section = "message" if widget.section.startswith("message ") else widget.section
     section = section.replace("Functions/target", "Functions/source")
