@@ -259,7 +259,7 @@ def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
     for landmark in sorted(landmarks, key=lambda each: not each.is_goal):  # rings below discs
         color, at = LANDMARKS[landmark.number % len(LANDMARKS)], landmark.place
         if landmark.is_goal:
-            found.append(Disc(at, radius + line, pen.inks.ground, radius - 2 * line))
+            found.append(Disc(at, radius + line, ON_LANDMARKS, radius - 2 * line))
             found.append(Disc(at, radius, color, radius - line))
             continue
         text = str(landmark.number + 1)

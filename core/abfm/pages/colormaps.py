@@ -26,7 +26,7 @@ NO_VALUES = 0.3  # grey of unknown values, in linear light
 # percentiles of values at the ends of the colours, which exclude extreme noise
 _SHOWN_PERCENTILES = 0.2, 99.8
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # two colours in linear light
-DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
+DARK_CHECKER_COLORS = ((0.40, 0.41, 0.43), (0.06, 0.13, 0.34))
 
 
 @dataclass(frozen=True)

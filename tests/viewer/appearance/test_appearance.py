@@ -7,8 +7,14 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from abfm.pages import colormaps
-from abfm.pages.colormaps import color_range, for_background, polyscope_name, table
-from abfm_viewer.appearance.theme import DARK_PALETTE, palette
+from abfm.pages.colormaps import (
+    DARK_CHECKER_COLORS,
+    color_range,
+    for_background,
+    polyscope_name,
+    table,
+)
+from abfm_viewer.appearance.theme import DARK_PALETTE, LANDMARKS, ON_LANDMARKS, palette
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.scene.opengl import material_pictures
 from abfm_viewer.widgets.toolkit import TextTone
@@ -21,10 +27,10 @@ STOPS = {
     "/ 0.004 0.085 0.11 0.09 0.052",
     "abfm diverging": "0.36 0.62 0.93 0.66 0.38 / -0.01 -0.035 0 0.15 0.13 "
     "/ -0.15 -0.125 0.002 0.08 0.058",
-    "abfm sequential dark": "0.43 0.5 0.62 0.76 0.92 / 0 0.075 0.145 0.105 0 "
+    "abfm sequential dark": "0.52 0.575 0.66 0.775 0.92 / 0 0.075 0.145 0.105 0 "
     "/ -0.006 0.035 0.085 0.125 0.115",
-    "abfm diverging dark": "0.83 0.6 0.43 0.6 0.83 / -0.035 -0.03 0 0.15 0.08 "
-    "/ -0.085 -0.14 -0.006 0.065 0.075",
+    "abfm diverging dark": "0.82 0.655 0.52 0.655 0.82 / -0.035 -0.03 0 0.145 0.075 "
+    "/ -0.08 -0.13 -0.006 0.065 0.07",
     "viridis": "0.285 0.419 0.535 0.654 0.779 0.918 / 0.102 0.016 -0.062 -0.12 -0.135 -0.039 "
     "/ -0.091 -0.108 -0.053 0.023 0.126 0.182",
     "magma": "0.048 0.309 0.466 0.621 0.789 0.979 / -0.003 0.067 0.149 0.181 0.088 -0.025 "
@@ -89,11 +95,26 @@ def test_lightness_is_monotonic_from_grey(name, is_dark):
     assert (away * np.diff(light[: middle + 1]) < 0).all()
     if is_dark:
         assert np.ptp(grey) < 0.05
-        assert (light + 0.05).min() > 1.5 * (luminance(np.array(DARK_PALETTE.ground[:3])) + 0.05)
-        assert light[middle] < 0.15
+        assert min(contrast(one, DARK_PALETTE.ground) for one in colors) >= MARK_CONTRAST
+        assert light[middle] < 0.16
     else:
         assert np.ptp(grey) < 0.03
         assert grey.min() > 0.85
+
+
+def test_landmarks_have_contrast_on_grey_bodies():
+    """The numbers, rims or colours of discs and rings differ from the colour of value 0."""
+    for (is_dark, name), color in product(product((False, True), NAMES), LANDMARKS):
+        map_ = table(for_background(name, is_dark), 257)
+        grey = map_[0 if name == "abfm sequential" else 128]
+        assert contrast(color, ON_LANDMARKS) >= TEXT_CONTRAST
+        assert max(contrast(color, grey), contrast(ON_LANDMARKS, grey)) >= MARK_CONTRAST
+
+
+def test_dark_checkerboard_has_contrast():
+    light, dark = (np.power(color, 1 / 2.2) for color in DARK_CHECKER_COLORS)
+    assert contrast(light, dark) > 2.2
+    assert contrast(dark, DARK_PALETTE.ground) > 2.2
 
 
 def test_maps_on_light_backgrounds_are_unchanged():
