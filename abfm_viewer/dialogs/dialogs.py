@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, Literal, Protocol
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, shown, valid_name
+from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, Preview, shown, valid_name
+from abfm_viewer.dialogs.native_dialog import NativeDialog
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -18,6 +19,9 @@ Line = str | tuple[str, str]  # A paragraph, or a row of two columns
 _MESSAGE_WIDTH = 520
 _QUESTION_WIDTH = 460
 _FIRST_COLUMN = 0.34
+_RECENT_FOLDERS_MAX = 8  # for each kind of file
+FileKind = Literal["meshes", "functions", "results", "exports"]
+"""Kinds of files, each with its recent folders."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +93,44 @@ class Question:
         return chosen
 
 
-class Dialogs:
-    """Stack of open dialogs, each with a callback for its answer."""
+class OtherDialog(Protocol):
+    def draw(self, ui: Ui, /) -> Any: ...
 
-    def __init__(self) -> None:
-        self.folder = Path()  # in which file dialogs start
-        self._open: list[tuple[Question | FileDialog | Message, Callable[[Any], None]]] = []
+
+AnyDialog = Question | FileDialog | NativeDialog | Message | OtherDialog
+
+
+class Stored(Protocol):
+    """Preferences by their names."""
+
+    def get(self, name: str, /) -> Any: ...
+    def change(self, **values: Any) -> None: ...
+
+
+class Dialogs:
+    """Stack of open dialogs, each with a callback for its answer.
+
+    ``stored`` has the recent folders of each kind of file.
+    """
+
+    def __init__(self, stored: Stored | None = None) -> None:
+        self.preview: Callable[[Path], Preview | None] = lambda path: None
+        self.uses_native: Callable[[], bool] = lambda: False  # whether to use the system's dialogs
+        self._stored, self._folder = stored, Path()
+        self._recent: dict[str, tuple[str, ...]] = stored.get("folders") if stored else {}
+        self._open: list[tuple[AnyDialog, Callable[[Any], None]]] = []
+
+    @property
+    def folder(self) -> Path:
+        """Folder in which dialogs start for kinds of files without a recent folder.
+
+        Setting it forgets the recent folders.
+        """
+        return self._folder
+
+    @folder.setter
+    def folder(self, folder: Path) -> None:
+        self._folder, self._recent = folder, {}
 
     @property
     def is_open(self) -> bool:
@@ -103,15 +139,42 @@ class Dialogs:
     def has_question(self, title: str) -> bool:
         return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
 
-    def open(self, title: str, suffixes: tuple[str, ...], on_path: Callable[[Path], None]) -> None:
-        self._choose(title, FileChoice(self._start_folder(), suffixes), on_path)
+    def open(
+        self,
+        title: str,
+        suffixes: tuple[str, ...],
+        on_path: Callable[[Path], None],
+        kind: FileKind = "functions",
+    ) -> None:
+        if self.uses_native():
+            self._choose(NativeDialog(title, self._start_folder(kind), suffixes), kind, on_path)
+        else:
+            self._open_own(title, suffixes, on_path, kind)
+
+    def _open_own(
+        self,
+        title: str,
+        suffixes: tuple[str, ...],
+        on_path: Callable[[Path], None],
+        kind: FileKind,
+    ) -> None:
+        self._choose_own(title, FileChoice(self._start_folder(kind), suffixes), kind, on_path)
 
     def save(
-        self, title: str, suffixes: tuple[str, ...], name: str, on_path: Callable[[Path], None]
+        self,
+        title: str,
+        suffixes: tuple[str, ...],
+        name: str,
+        on_path: Callable[[Path], None],
+        kind: FileKind = "exports",
     ) -> None:
-        """Let the user choose a file to write; replace an existing file only after a question."""
-        choice = FileChoice(self._start_folder(), suffixes, saving=True, name=valid_name(name))
-        self._choose(title, choice, on_path)
+        """Let the user choose a file to write; replace an existing file only after a question.
+
+        The dialogs of systems cannot suggest a name, so this is always the dialog of the app.
+        """
+        folder = self._start_folder(kind)
+        choice = FileChoice(folder, suffixes, saving=True, name=valid_name(name))
+        self._choose_own(title, choice, kind, on_path)
 
     def question(
         self,
@@ -152,17 +215,41 @@ class Dialogs:
         if answer:
             answered(answer)
 
-    def _start_folder(self) -> Path:
+    def push(self, one: OtherDialog, answered: Callable[[Any], None]) -> None:
+        """Open another dialog, which stays open until `pop` is called."""
+        self._open.append((one, answered))
+
+    def pop(self) -> None:
+        self._close()
+
+    def _recent_folders(self, kind: FileKind) -> list[Path]:
+        """Return existing folders that were used for a kind of file, the latest first."""
+        return [path for path in map(Path, self._recent.get(kind, ())) if path.is_dir()]
+
+    def _start_folder(self, kind: FileKind) -> Path:
+        found = [*self._recent_folders(kind), *self._recent_folders("meshes")]
+        if kind == "meshes" or not found:
+            found = [*self._recent_folders(kind), self._folder]
         try:
-            return self.folder.resolve(strict=True)
+            return found[0].resolve(strict=True)
         except OSError:
             return Path.home()
 
-    def _choose(self, title: str, choice: FileChoice, on_path: Callable[[Path], None]) -> None:
+    def _choose_own(
+        self, title: str, choice: FileChoice, kind: FileKind, on_path: Callable[[Path], None]
+    ) -> None:
+        recent = tuple(self._recent_folders(kind))
+        self._choose(FileDialog(title, choice, recent, self.preview), kind, on_path)
+
+    def _choose(
+        self, one: FileDialog | NativeDialog, kind: FileKind, on_path: Callable[[Path], None]
+    ) -> None:
         def answered(answer: tuple[Path | None]) -> None:
             if (path := answer[0]) is None:
                 self._close()
-            elif choice.saving and path.exists():
+                if isinstance(one, NativeDialog) and one.failed:
+                    self._open_own(one.title, one.suffixes, on_path, kind)
+            elif isinstance(one, FileDialog) and one.choice.saving and path.exists():
                 text = f"{shown(path.name)} exists already. Its contents will be lost."
                 answers = {"Replace": partial(take, path), "Go back": None}
                 self.question("Replace the file?", text, answers)
@@ -170,13 +257,19 @@ class Dialogs:
                 take(path)
 
         def take(path: Path) -> None:
-            self.folder = path.parent
+            self._remember(kind, path.parent)
             self._close()
             on_path(path)
 
-        self._open.append((FileDialog(title, choice), answered))
+        self._open.append((one, answered))
+
+    def _remember(self, kind: FileKind, folder: Path) -> None:
+        others = (known for known in self._recent.get(kind, ()) if known != str(folder))
+        self._recent = self._recent | {kind: (str(folder), *others)[:_RECENT_FOLDERS_MAX]}
+        if self._stored:
+            self._stored.change(folders=self._recent)
 
     def _close(self) -> None:
         closed, _ = self._open.pop()
-        if isinstance(closed, FileDialog):
-            closed.choice.close()
+        if isinstance(closed, FileDialog | NativeDialog):
+            closed.close()

@@ -21,7 +21,8 @@ class Preferences:
     flow_after_match: bool = True
     tour_seen: bool = False
     native_dialogs: bool = True  # whether to use the file dialogs of the system
-    folders: dict[str, str] = field(default_factory=dict)  # last folder, by the kind of file
+    # recent folders by the kind of file, the latest first
+    folders: dict[str, tuple[str, ...]] = field(default_factory=dict)
     export: dict[str, Any] = field(default_factory=dict)  # last settings, by their names
     columns: dict[str, tuple[str, ...]] = field(default_factory=dict)  # shown ones, by the table
 

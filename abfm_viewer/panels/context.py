@@ -33,7 +33,7 @@ class Context:
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
         self.preferences = PreferenceFile(state)
-        self.ui, self.dialogs = Ui(), Dialogs()
+        self.ui, self.dialogs = Ui(), Dialogs(self.preferences)
         self.exporter = Exporter(session.notices.show)
         self.files = SessionFiles(session, state, self.dialogs.question)
         self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
@@ -47,13 +47,14 @@ class Context:
         return document
 
     def open_mesh(self) -> None:
-        self.dialogs.open("Open a mesh", MESHES, self.files.open)
+        self.dialogs.open("Open a mesh", MESHES, self.files.open, "meshes")
 
     def open_table(self) -> None:
-        self.dialogs.open("Open a batch or population", NAMES, self.files.open)
+        self.dialogs.open("Open a batch or population", NAMES, self.files.open, "results")
 
     def open_second(self) -> None:
-        self.dialogs.open("Open a second surface", MESHES, self.files.open_second)
+        open_second = self.files.open_second
+        self.dialogs.open("Open a second surface", MESHES, open_second, "meshes")
 
     def open_frames(self) -> None:
         self.dialogs.open("Open frames", FRAMES_ENDINGS, self.files.open_frames)

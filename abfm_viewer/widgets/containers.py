@@ -105,15 +105,21 @@ def card(
 
 @contextmanager
 def child(
-    ui: Ui, name: str, height: float, border: bool = True, fits: Fits = "exactly"
+    ui: Ui,
+    name: str,
+    size: float | tuple[float, float],
+    border: bool = True,
+    fits: Fits = "exactly",
 ) -> Iterator[None]:
     """Draw a part of a panel that scrolls separately.
 
-    A negative height leaves that much space below the part. If ``fits`` is "at most" or "at least",
+    ``size`` is the height, or width and height. A negative height leaves that much space below the
+    part. If ``fits`` is "at most" or "at least",
     the height is that of the contents within this limit.
     """
+    width, height = size if isinstance(size, tuple) else (0.0, size)
     flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
-    style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
+    style, room = imgui.GetStyle(), width or imgui.GetContentRegionAvail()[0]
     if fits != "exactly":
         flags |= imgui.ImGuiChildFlags_AutoResizeY
         lowest, highest = (height, _HEIGHT_MAX) if fits == "at least" else (0.0, height)
@@ -121,7 +127,7 @@ def child(
     else:  # contents must not move when a scroll bar appears
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
-    imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
+    imgui.BeginChild(name, (width, height if fits == "exactly" else 0), flags)
     # a part of unlimited height does not scroll, but the part that contains it does
     outer = ui.record.areas[-1] if fits == "at least" else None
     with _ended(ui, imgui.EndChild, rect=outer):

@@ -111,7 +111,7 @@ class Ui:
         self.refusals = Refusals(self.record)
         # whether frames are drawn for a picture, for which polyscope makes a new ImGui context
         self.capturing = False
-        self.typing = False  # whether the latest `text` has or just lost the keyboard focus
+        self.typing = False  # whether the latest box has or just lost the keyboard focus
         # the box that had the keyboard focus last, and the box that gets it next
         self.active_box = self.focus_next = ""
         self.open_tab = ""
@@ -512,13 +512,17 @@ class Ui:
         if focus:
             imgui.SetKeyboardFocusHere()
         value = _input(label, hint, value)
+        self.typing = bool(imgui.IsItemActive())
         self.record_item(label, "box", text=value)
         self._caption(label, caption, "")
         return value
 
-    def row(self, label: str, chosen: bool) -> tuple[bool, bool]:
-        """Draw a row of a list; return whether it was clicked, and whether double-clicked."""
-        shown = self.fitted(label, imgui.GetContentRegionAvail()[0])
+    def row(self, label: str, chosen: bool, room: float = 0) -> tuple[bool, bool]:
+        """Draw a row of a list; return whether it was clicked, and whether double-clicked.
+
+        The label is at most ``room`` pixels wide, by default as wide as the list.
+        """
+        shown = self.fitted(label, room or imgui.GetContentRegionAvail()[0])
         text = shown.replace("##", "# #")  # ImGui hides text after ##
         flags = imgui.ImGuiSelectableFlags_AllowDoubleClick
         clicked = bool(imgui.Selectable(f"{text}###{label}", chosen, flags))

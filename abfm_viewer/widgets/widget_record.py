@@ -13,6 +13,7 @@ Rect = tuple[float, float, float, float]  # left, top, right, bottom in window p
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
 WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "marker"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
+WIDGETS_VARIABLE = "ABFM_WIDGETS"
 # logarithmic sliders from 0: share of the slider for 0, and number of decades on the rest
 _ZERO_SHARE = 0.06
 _DECADES = 6
@@ -134,11 +135,11 @@ class WidgetRecord:
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:
-    """Write the widgets of every third frame as JSON to the file named by ``ABFM_WIDGETS``.
+    """Write the widgets of every third frame as JSON to the file named by `WIDGETS_VARIABLE`.
 
     Programs that operate the window with a mouse read this file.
     """
-    name = os.environ.get("ABFM_WIDGETS")
+    name = os.environ.get(WIDGETS_VARIABLE)
     if name and frame % 3 == 0:
         temporary = Path(f"{name}.part")
         text = json.dumps([asdict(widget) for widget in widgets])

@@ -114,7 +114,7 @@ class Actions:
         files = partial(Action, "Files", while_typing=True)
         self.open_mesh = files("open a mesh", "open mesh", context.open_mesh)
         title, formats = "Open a project or a result", (PROJECT, RESULT)
-        do = partial(context.dialogs.open, title, formats, context.files.open)
+        do = partial(context.dialogs.open, title, formats, context.files.open, "results")
         self.open_project = files("open a project or a result", "open project", do)
         self.save = files("save the project", "save", self._save)
         text = "save the project under another name"
@@ -275,8 +275,11 @@ class Actions:
         name = (origin.path if origin else Path(document.name)).with_suffix(PROJECT).name
         is_present = document.identity is self._session.document.identity
         title = "Save the project" if is_present else f"Save the project of {document.name}"
-        save = self._files.save
-        self._dialogs.save(title, (PROJECT,), name, lambda path: save(path, then, document))
+
+        def save(path: Path) -> None:
+            self._files.save(path, then, document)
+
+        self._dialogs.save(title, (PROJECT,), name, save, "results")
 
     def _pause(self) -> None:
         solver = self._session.solver

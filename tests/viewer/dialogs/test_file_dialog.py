@@ -8,8 +8,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from abfm_viewer.dialogs import file_dialog
-from abfm_viewer.dialogs.file_dialog import ENTRIES_MAX, FileChoice, FolderEntry, read_folder, shown
+from abfm_viewer.dialogs import Dialogs, file_dialog
+from abfm_viewer.dialogs.file_dialog import (
+    ENTRIES_MAX,
+    FileChoice,
+    FolderEntry,
+    read_folder,
+    shown,
+    size_text,
+)
+from abfm_viewer.files.preferences import PreferenceFile
 from tests.messages import check_message
 from tests.viewer.sessions import until
 
@@ -183,3 +191,92 @@ def test_slow_folder_does_not_block_the_window(folder, held):
     may_answer.set()
     assert "b.off" in listed(choice)
     choice.close()
+
+
+def selections(choice, *texts):
+    """Return the entry that is selected after each typed name."""
+    listed(choice)
+    found = []
+    for text in texts:
+        choice.type_name(text)
+        found.append(choice.selected)
+    return found
+
+
+def test_a_typed_start_of_a_name_selects_its_entry(folder):
+    choice = FileChoice(folder, MESHES)
+    assert selections(choice, "t", "TWO", "z", "b.off", "x") == [
+        "two words.off",
+        "two words.off",
+        "zebra",
+        "b.off",
+        "",
+    ]
+    assert choice.confirm() is None
+    assert choice.error == f"{folder / 'x'} does not exist"
+    assert selections(choice, "two") == ["two words.off"]
+    assert choice.confirm() == folder / "two words.off"
+    choice.type_name("ap")
+    assert choice.confirm() is None
+    assert (choice.folder, choice.name) == (folder / "Apple", "")
+    choice.type_name("../b.off")
+    assert choice.confirm() == folder / "b.off"
+
+
+def test_a_search_lists_and_selects_names_that_contain_it(folder):
+    choice = FileChoice(folder, MESHES)
+    listed(choice)
+    choice.look_for("E")
+    assert [entry.label for entry in choice.entries()] == ["Apple/", "zebra/", "ünïcode ☃.off"]
+    assert choice.name == "ünïcode ☃.off"
+    choice.look_for("none")
+    assert (choice.entries(), choice.selected) == ([], "")
+    choice.go(folder)
+    assert len(listed(choice)) == 6
+
+
+def test_entries_are_sorted_by_size_and_date(folder):
+    for number, name in enumerate(("two words.off", "b.off", "A.OBJ")):
+        (folder / name).write_text("x" * (5 + number))
+        os.utime(folder / name, (0, 1e9 - number))
+    os.utime(folder / "ünïcode ☃.off", (0, 0))
+    choice = FileChoice(folder, MESHES)
+    until(lambda: len(choice.details()) == 6)
+    assert choice.details()["b.off"] == (6, 1e9 - 1)
+    by_size = ["A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
+    by_date = ["two words.off", "b.off", "A.OBJ", "ünïcode ☃.off"]
+    for column, names in (("size", by_size), ("date", by_date)):
+        choice.order_by(column)
+        assert [entry.name for entry in choice.entries()][2:] == names
+        choice.order_by(column)
+        assert [entry.name for entry in choice.entries()][2:] == names[::-1]
+    choice.order_by("name")
+    assert [entry.label for entry in choice.entries()][:3] == ["Apple/", "zebra/", "A.OBJ"]
+    choice.order_by("name")
+    assert choice.entries()[0].name == "zebra"
+
+
+def test_hidden_files_are_listed_on_request(folder):
+    assert ".hidden.off" in [one.name for one in read_folder(folder, MESHES, True).entries]
+
+
+def test_sizes_have_units():
+    sizes = (0, 999, 1000, 12_345, 999_900, 123_456_789, 2e13)
+    texts = ["0 bytes", "999 bytes", "1.0 kB", "12.3 kB", "1.0 MB", "123 MB", "20.0 TB"]
+    assert [size_text(size) for size in sizes] == texts
+
+
+def test_folders_are_remembered_by_the_kind_of_file(tmp_path):
+    stored = PreferenceFile(None)
+    dialogs = Dialogs(stored)
+    for name in ("meshes", "results"):
+        (tmp_path / name).mkdir()
+        dialogs._remember(name, tmp_path / name)
+    assert dialogs._start_folder("meshes") == tmp_path / "meshes"
+    assert dialogs._start_folder("results") == tmp_path / "results"
+    assert dialogs._start_folder("exports") == tmp_path / "meshes"
+    again = Dialogs(stored)
+    again._remember("meshes", tmp_path)
+    assert again._recent_folders("meshes") == [tmp_path, tmp_path / "meshes"]
+    dialogs.folder = tmp_path
+    assert dialogs._start_folder("results") == tmp_path

@@ -1,0 +1,72 @@
+"""The file dialog of the system, shown by the optional library crossfiledialog."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import polyscope.imgui as imgui
+
+from abfm_viewer.widgets.containers import dialog
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import WIDGETS_VARIABLE
+
+_SCRIPT = """
+import sys, crossfiledialog
+sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")
+print(crossfiledialog.open_file(sys.argv[1], sys.argv[2], sys.argv[3:]) or "", end="")
+"""
+_REMOTE_VARIABLES = ("SSH_CONNECTION", "SSH_CLIENT", "SSH_TTY", WIDGETS_VARIABLE)
+_WIDTH = 420
+
+
+@cache
+def is_available() -> bool:
+    """Return whether the system can show its file dialog on the screen of the user."""
+    if find_spec("crossfiledialog") is None or any(map(os.environ.get, _REMOTE_VARIABLES)):
+        return False
+    return sys.platform in ("win32", "darwin") or any(map(shutil.which, ("zenity", "kdialog")))
+
+
+@dataclass(eq=False)
+class NativeDialog:
+    """The dialog of the system for a file to open; the window waits for its answer."""
+
+    title: str
+    folder: Path
+    suffixes: tuple[str, ...]
+    failed: bool = field(default=False, init=False)  # whether it could not be shown
+    _process: subprocess.Popen[bytes] | None = field(default=None, init=False)
+
+    def draw(self, ui: Ui) -> tuple[Path | None] | None:
+        """Draw a note; return (file,) if the user chose one, (None,) if not, and None before."""
+        if self._process is None:
+            self._start()
+        with dialog(ui, self.title, _WIDTH):
+            ui.note("Choose the file in the dialog of the system.", "ink")
+            cancelled = ui.button("Cancel", "Esc", width=ui.px(110))
+            if cancelled or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
+                return (None,)
+        process = self._process
+        if process is None or process.poll() is None:
+            return None
+        found = process.stdout.read() if process.stdout else b""
+        self.failed = process.returncode != 0
+        return (Path(os.fsdecode(found)) if found and not self.failed else None,)
+
+    def close(self) -> None:
+        if (process := self._process) is not None:
+            if process.poll() is None:
+                process.terminate()
+            process.communicate()
+
+    def _start(self) -> None:
+        patterns = [f"*{form}" for each in self.suffixes for form in {each, each.upper()}]
+        command = [sys.executable, "-c", _SCRIPT, self.title, str(self.folder), *patterns]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
