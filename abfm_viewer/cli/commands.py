@@ -28,22 +28,28 @@ COMMANDS = {
 """The module of each command, or the task that it solves. A module is imported when its command is
 called or when all commands are listed; all together take as long as a short match.
 """
-_DESCRIPTION = """\
+_ABOUT = """\
 Match functions on triangle meshes: find the tangent vector field whose flow transports one function
 to another. Register surfaces, and follow functions in time, by the same method.
 
-Try `abfm demo` first; then
+Examples:
+  abfm demo
   abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz
   abfm render match.npz --out match.png
 
-`abfm COMMAND --help` shows the most used options of a command, `--help-all` all of them. The window
-is `abfm-viewer`.
+"""
+_DESCRIPTION = f"""\
+{_ABOUT}`abfm COMMAND --help` shows the main options of a command, `--help-all` all of them. The
+window is `abfm-viewer`.
 
 commands:
 """
 
 
 def run(words: list[str]) -> int:
+    if not words:
+        print(f"{_ABOUT}`abfm --help` lists all commands. The window is `abfm-viewer`.")
+        return 0
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     about = "show the version and exit"
     parser.add_argument(
@@ -65,9 +71,6 @@ def run(words: list[str]) -> int:
         lines.append(f"  {name:<12}{command.SUMMARY}")
         command.add_arguments(own)
     parser.description = _DESCRIPTION + "\n".join(lines)
-    if not words:
-        parser.print_help()
-        return 0
     if not words[0].startswith("-") and words[0] not in COMMANDS:
         parser.error(f"unknown command {words[0]!r}{did_you_mean(words[0], COMMANDS)}")
     arguments = parser.parse_all(words)

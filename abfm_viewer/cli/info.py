@@ -1,4 +1,4 @@
-"""`abfm info`: size, topology and defects of a mesh, or the report of a result."""
+"""`abfm info`: size, topology and defects of a mesh, or the report of a result or a project."""
 
 import argparse
 import json
@@ -19,18 +19,22 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.explain import help_lines
 from abfm_viewer.cli.progress import task_progress
+from abfm_viewer.document.kinds import KINDS as DOCUMENT_KINDS
+from abfm_viewer.files.contents import PROJECT
+from abfm_viewer.files.project import load_project
 
-SUMMARY = "check a mesh, or report what a result contains"
+SUMMARY = "check a mesh, or report what a result or a project contains"
 DESCRIPTION = """\
 Check a mesh: print its size, topology, repairs and defects. The exit status is 2 if it has defects
 that the solver cannot handle.
 
 For a result, print its report: verdict, distortion of the map, speed of a sequence, or outliers of
-a population.
+a population. For a project of the window, print its surfaces and functions as well.
 
 Examples:
   abfm info spot.obj
   abfm info match.npz
+  abfm info match.abfm
 """
 DETAILS = """\
 The report of a match lists the steps of its continuation, with a star at the selected step. That
@@ -40,7 +44,8 @@ of a sequence has its speed and uncertainty, that of a population its outliers a
 
 def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
-    add("mesh", f"{MESH_FORMATS}; or a result (.npz)", "MESH|RESULT.npz")
+    about = f"{MESH_FORMATS}; a result (.npz); or a project (.abfm)"
+    add("mesh", about, "MESH|RESULT.npz|PROJECT.abfm")
     options.add_mesh_options(parser)
     add("--json", "print the report as one JSON object")
     add("--quiet", "do not show progress")
@@ -69,6 +74,9 @@ def _report(arguments: argparse.Namespace) -> str:
         facts, (first, *others) = _of_result(name)
         own = {"result": name}
         lines = [f"{printable(name)}: {first}", *others]
+    elif name.endswith(PROJECT):
+        own = {"project": name}
+        facts, lines = _of_project(name)
     else:
         facts = describe(load_mesh(name, **options.mesh_options(arguments).changed))
         own, lines = {"mesh": name, "usable": True}, [printable(name), *_lines(facts)]
@@ -85,6 +93,28 @@ def _of_result(name: str) -> tuple[dict[str, Any], list[str]]:
         return {"map": map_details(found)}, [first, *map_lines(found)]
     report = task_of(found).report
     return report.details(found), [*report.lines(found), *help_lines(found.facts)]
+
+
+def _of_project(name: str) -> tuple[dict[str, Any], list[str]]:
+    document, _ = load_project(name)
+    found = document.complete_result
+    kind = next(name for name, each in DOCUMENT_KINDS.items() if each is type(document))
+    faces = {each.name: len(each.mesh.faces) for each in document.surfaces}
+    functions = [{"source": each.source, "target": each.target} for each in document.channels]
+    rows = {
+        "document": kind,
+        "surfaces": ", ".join(f"{name} ({count:,} faces)" for name, count in faces.items()),
+        **{f"function {n}": " to ".join(each.values()) for n, each in enumerate(functions, 1)},
+        "landmarks": counted(len(document.landmarks), "pair"),
+        "result": "none" if found is None else found.facts.headline,
+    }
+    lines = [printable(name), *(f"  {title:<14}{text}" for title, text in rows.items())]
+    facts = {"document": kind, "surfaces": faces, "functions": functions, "result": None}
+    if found is None:
+        return facts, lines
+    report = task_of(found).report
+    facts["result"] = report.details(found)
+    return facts, [*lines, *report.lines(found)[1:], *help_lines(found.facts)]
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

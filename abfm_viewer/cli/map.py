@@ -15,7 +15,7 @@ from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
 from abfm.io import write_values
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import ERROR_BOUNDS, MapAccuracy, map_accuracy
+from abfm.maps.quality import ERROR_BOUNDS, MapAccuracy, map_accuracy, quality_table
 from abfm.registration import report
 from abfm.registration.initial import Landmarks, map_from_file
 from abfm.registration.task import vertex_numbers
@@ -100,7 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
         "warning": quality.warning,
         "report": quality.report(),
     }
-    return _report(arguments, {"time": time, "quality": facts}, [quality.report()], accuracy)
+    lines = quality_table(quality.distortion, quality.round_trip, accuracy)
+    return _report(arguments, {"time": time, "quality": facts}, lines, accuracy)
 
 
 def _report(
@@ -111,7 +112,6 @@ def _report(
 ) -> int:
     out = arguments.out
     if accuracy is not None:
-        lines.append(accuracy.report())
         facts["accuracy"] = _accuracy_facts(accuracy)
     if out is not None:
         lines.append(f"wrote {printable(out)}")
@@ -139,7 +139,7 @@ def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> in
     return _report(
         arguments,
         {"map": report.map_details(correspondence)},
-        report.map_lines(correspondence),
+        report.map_lines(correspondence, accuracy),
         accuracy,
     )
 

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
@@ -13,72 +14,134 @@ from rich.progress import (
     BarColumn,
     Progress,
     ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.progress_bar import ProgressBar
+from rich.table import Column
+from rich.text import Text
 
 from abfm.matching import Iteration
-from abfm.workers.progress import Step, reporting_steps
+from abfm.workers.progress import Overall, Step, reporting_steps, rounded_time
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
-from abfm_viewer.document.verdict_words import residual_text, stage_text
+from abfm_viewer.document.verdict_words import SOLVING_PHASES, attempt_text, residual_text
 
 _WARNING_ITERATIONS = 10  # shorter warnings mostly resolve by themselves
 _LONG_STEP_SECONDS = 2.0
-_TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
+_LINE_SECONDS = 30.0  # time after the start of a phase until the first line on its progress
+_LINES_OF_A_MOVIE = 10
 _BAR = BarColumn(bar_width=None)
+_SHORT_BAR = 24  # width of a bar before a text
 _COUNT = TextColumn("{task.completed}/{task.total}")
 
 
 @contextmanager
 def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
-    """Show the steps of a task; yield a function to call with its partial results.
+    """Show the progress of a task; yield a function to call with its partial results.
 
-    A terminal shows a bar. Elsewhere one line is printed per tenth of a counted step, and per ten
-    iterations. A warning that persists is printed once, even if ``quiet``.
+    A terminal shows one line with a bar. Elsewhere a line is printed when a phase, an attempt or a
+    mesh begins, and after 30 s, 1 min, 2 min, ... without a line. A warning that persists is
+    printed once, even if ``quiet``.
     """
-    latest, printed = "", dict[str, int]()  # the latest step; finished tenths of counted steps
-    warned = 0  # consecutive iterations with a warning
-
-    def print_progress(completed: float, text: str, line: str) -> None:
-        if line:
-            print_line(line)
+    state, warned = TaskProgress(), 0  # consecutive iterations with a warning
 
     def show(step: Step | None) -> None:
-        nonlocal latest
-        if step is not None:
-            tenths = int(_TENTHS * (step.done or 0.0))
-            is_new = step.task != latest if step.done is None else tenths != printed.get(step.task)
-            line = _line_of(step) if is_new else ""
-            latest, printed[step.task] = step.task, tenths
-            update(completed=step.done or 0.0, text=step.text(), line=line)
+        state.overall.update(step)
+        update()
 
     def report(partial: object) -> None:
         nonlocal warned
         if not isinstance(partial, Iteration):
             return
-        stage, residual = stage_text(partial, "sigma"), residual_text(partial)
-        text = f"iteration {partial.iteration}: {stage}, {residual}"
-        line = "" if partial.iteration % _LINES_EVERY else text
-        update(completed=0.0, text=text, line=line)
+        state.iteration, state.iterating = partial, state.overall.name
+        update()
         warned = warned + 1 if partial.warning or warned >= _WARNING_ITERATIONS else 0
         if warned == _WARNING_ITERATIONS:
             print_line(f"warning: iteration {partial.iteration}: {partial.warning}")
 
-    columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
+    def print_progress() -> None:
+        if line := state.line():
+            print_line(line)
+
+    columns = _OverallBar(state.overall), _OverallText(state)
     with (
-        _progress_bar(quiet, print_progress, 1.0, *columns, text="starting") as update,
+        _progress_bar(quiet, print_progress, 1.0, *columns) as update,
         nullcontext() if quiet else reporting_steps(show),
     ):
         yield report
 
 
-def _line_of(step: Step) -> str:
-    """Return the line to print for a step; empty for a short step."""
-    if step.done is None:
-        return step.text() if (step.expected or 0) >= _LONG_STEP_SECONDS else ""
-    return f"{step.task}: {int(_TENTHS * step.done) * 100 // _TENTHS}%" if step.done > 0 else ""
+class TaskProgress:
+    """The progress of a task as texts of one line."""
+
+    def __init__(self) -> None:
+        self.overall = Overall()
+        self.iteration: Iteration | None = None  # the latest one
+        self.iterating = ""  # the phase of this iteration
+        self._begun: tuple[str, str] | None = None  # the latest printed phase and its part
+        self._printed, self._wait = self.overall.began, _LINE_SECONDS
+
+    def text(self) -> str:
+        """Return phase, remaining time, part and residual."""
+        overall, now = self.overall, self.iteration
+        residual = residual_text(now) if now and self._part else ""
+        detail = self._part or overall.detail()
+        return ", ".join(filter(None, (overall.name, overall.text(), detail, residual)))
+
+    def line(self, now: float | None = None) -> str:
+        """Return a line to print at a time, by default now; mostly empty."""
+        step, now = self.overall.step, time.monotonic() if now is None else now
+        if step is None:
+            return ""
+        outermost = step.chain[-1]
+        if self.overall.name.endswith(SOLVING_PHASES) and not self._part:
+            return ""  # until its first iteration
+        is_long = step.phase or (outermost.expected or 0) >= _LONG_STEP_SECONDS
+        begun = self.overall.name, self._part
+        if begun != self._begun and (is_long or now - outermost.began >= _LONG_STEP_SECONDS):
+            self._begun, self._printed, self._wait = begun, now, _LINE_SECONDS
+            return ": ".join(filter(None, begun))
+        if begun == self._begun and now - self._printed >= self._wait:
+            self._printed, self._wait = now, 2 * self._wait
+            share = self.overall.share(now)
+            done = "" if share is None else f"{share:.0%}"
+            elapsed = f"{rounded_time(now - self.overall.began)} so far"
+            about = ", ".join(filter(None, (done, elapsed, self.overall.text(now))))
+            return f"{begun[0]}: {about}"
+        return ""
+
+    @property
+    def _part(self) -> str:
+        if (now := self.iteration) is None or self.iterating != self.overall.name:
+            return ""
+        return ", ".join(filter(None, (f"mesh of {now.vertices:,} vertices", attempt_text(now))))
+
+
+class _OverallBar(BarColumn):
+    def __init__(self, overall: Overall) -> None:
+        super().__init__()
+        self._overall = overall
+
+    def render(self, task: Task) -> ProgressBar:
+        share = self._overall.share()
+        is_unknown = share is None
+        return ProgressBar(
+            1.0, share or 0.0, _SHORT_BAR, is_unknown, animation_time=task.get_time()
+        )
+
+
+class _OverallText(ProgressColumn):
+    """The text of a task, cut at the width of the terminal, so that it never takes two lines."""
+
+    def __init__(self, state: TaskProgress) -> None:
+        super().__init__(Column(no_wrap=True, overflow="ellipsis"))
+        self._state = state
+
+    def render(self, task: Task) -> Text:
+        return Text(self._state.text(), no_wrap=True, overflow="ellipsis")
 
 
 @contextmanager

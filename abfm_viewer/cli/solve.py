@@ -18,6 +18,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.parameters import in_options
 from abfm.tasks import Monitor, Task
 from abfm.workers.control import CancelledError
+from abfm.workers.progress import phase
 from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import (
@@ -124,17 +125,20 @@ class Solved:
     checkpoints: list[Path]  # only after a signal
 
     def summary(self) -> str:
-        names = list(map(printable, self.outputs))
-        lines = [
-            *self.task.report.lines(self.result),
-            f"in {self.seconds:.1f} s; wrote {', '.join(names)}",
-        ]
+        """Return outcome, reason, next step and files, a line each, and any warnings."""
+        names, facts = list(map(printable, self.outputs)), self.result.facts
+        file = next((name for name in names if name.endswith(".npz")), "")
+        lines = [line for line in facts.lines if line]
         if self.checkpoints:
             lines.append(f"run the same command to resume from {printable(self.checkpoints[0])}")
-        file = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
-        if advice := self.task.report.advice(self.result, file):
-            lines.append(f"advice: {advice}")
-        lines += help_lines(self.result.facts)
+        advice = self.task.report.advice(self.result, file or "RESULT.npz")
+        if then := "; ".join([f"advice: {advice}"] * bool(advice) + help_lines(facts)):
+            lines.append(then)
+        elif file and not self.checkpoints:
+            picture = printable(str(Path(file).with_suffix(".png")))
+            lines.append(f"next: abfm render {file} --out {picture}")
+        about = f"; abfm info {file} prints more" if file else ""
+        lines.append(f"wrote {', '.join(names)} in {self.seconds:.1f} s{about}")
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -170,6 +174,8 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
             except CancelledError:  # a task without a partial result
                 print_note("run the same command to resume; finished rows are kept")
                 raise signals.EndedBySignal(interrupt.number or signal.SIGINT) from None
+            with phase("check"):
+                _ = result.facts  # measured at first use
             seconds = time.perf_counter() - start
             is_written = True
             try:

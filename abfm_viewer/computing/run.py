@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import threading
-import time
 import traceback
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
@@ -16,7 +14,7 @@ from abfm import AbfmError
 from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.tasks.monitor import ignore
 from abfm.workers.control import CancelledError, Control, controlled
-from abfm.workers.progress import Step, reporting_steps
+from abfm.workers.progress import Overall, Step, reporting_steps
 from abfm.workers.worker import Call, Worker, WorkerEndedError
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.computing.freed_memory import return_free_memory
@@ -29,7 +27,6 @@ _ENDED_MESSAGE = (
     "the computing process ended unexpectedly, possibly because memory ran out; try again"
 )
 _IDLE_WORKERS_MAX = 2  # a session has one process for runs, and one for initial maps
-_RECENT_PARTIALS = 20  # number of partial results whose mean time is measured
 _CLOSE_SECONDS = 0.1  # time for a closed run to end before its process is killed
 _START_SECONDS = 0.02  # wait for a run to begin, which drawing would delay
 
@@ -105,12 +102,11 @@ class Run(Generic[Result]):
     def __init__(self, process: Process) -> None:
         self.process = process
         self.state, self.reason = RunState.IDLE, ""  # why the last run failed, in one line
-        self.step: Step | None = None  # present step of the run, except for plain iterations
+        self.overall = Overall()  # progress of the latest run
         self.started = 0  # number of runs
         self.has_partial_results = False  # including results of an earlier run
         self._lock = threading.Lock()
         self._has_reported = threading.Event()
-        self._recent: deque[float] = deque(maxlen=_RECENT_PARTIALS)  # times of partial results
 
     @property
     def is_active(self) -> bool:
@@ -134,11 +130,9 @@ class Run(Generic[Result]):
         return self.state is RunState.FAILED
 
     @property
-    def seconds_each(self) -> float | None:
-        """Mean time between recent partial results, in seconds; None if unknown or while paused."""
-        times = list(self._recent)
-        is_known = len(times) > 1 and not self.paused
-        return (times[-1] - times[0]) / (len(times) - 1) if is_known else None
+    def step(self) -> Step | None:
+        """The present step of the run."""
+        return self.overall.step
 
     def start(
         self,
@@ -152,11 +146,10 @@ class Run(Generic[Result]):
         When the run is over, `collect` passes the result to ``then``. After an error it passes the
         result of ``recover``. ``resumes`` is true if partial results of an earlier run exist.
         """
-        self.state, self.reason, self.step = RunState.RUNNING, "", None
+        self.state, self.reason, self.overall = RunState.RUNNING, "", Overall()
         self.started, self.has_partial_results = self.started + 1, resumes
         self._control, self._then = Control(), then
         self._result: Result | None = None
-        self._recent.clear()
         self._has_reported.clear()
         self._working: Future[None] = THREADS.submit(self._work, work, recover)
         self._has_reported.wait(_START_SECONDS)
@@ -171,7 +164,7 @@ class Run(Generic[Result]):
         with self._lock:
             if self.state is before:
                 self.state = after
-                self._recent.clear()  # a pause is not part of the time of an iteration
+                self.overall.set_paused(self.paused)
                 self._control.set_paused(self.paused)
 
     def cancel(self, skip_checks: bool = False) -> None:
@@ -190,7 +183,8 @@ class Run(Generic[Result]):
         if self.running and self._working.done():
             self.state = RunState.FAILED if self.reason else RunState.ENDED
             found, then = self._result, self._then
-            self.step, self._result, self._then = None, None, ignore
+            self.overall.update(None)
+            self._result, self._then = None, ignore
             then(found)
 
     def forget(self) -> None:
@@ -217,7 +211,6 @@ class Run(Generic[Result]):
 
         def take(partial: Any) -> None:
             self._has_reported.set()
-            self._recent.append(time.monotonic())
             self.has_partial_results = True
             on_partial(partial)
 
@@ -247,5 +240,5 @@ class Run(Generic[Result]):
         return_free_memory()
 
     def _set_step(self, step: Step | None) -> None:
-        self.step = step
+        self.overall.update(step)
         self._has_reported.set()

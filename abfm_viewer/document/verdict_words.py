@@ -8,6 +8,7 @@ import abfm
 from abfm.wording import sentence, share
 
 LONG_RANGE = "long-range search"  # the stages with a positive reach
+SOLVING_PHASES = ("match", "refine")  # phases whose iterations are reported
 
 
 def residual_text(now: abfm.matching.Iteration) -> str:
@@ -48,7 +49,13 @@ def refinement_text(match: abfm.Match) -> str:
     return found if match.refined else ""
 
 
-def stage_text(now: abfm.matching.Iteration, sigma: str = "σ") -> str:
+def attempt_text(now: abfm.matching.Iteration) -> str:
+    """Return ``attempt 1 of 2`` during the search of a match, if it may have several attempts."""
+    is_search = now.attempts > 1 and now.level == 0
+    return f"attempt {now.attempt} of {now.attempts}" if is_search else ""
+
+
+def stage_text(now: abfm.matching.Iteration) -> str:
     """Return the stage of an iterate: ``mesh of 638 vertices, σ 18, long-range search``."""
     search = f", {LONG_RANGE}" if now.reach else ""
-    return f"mesh of {now.vertices:,} vertices, {sigma} {now.sigma:.3g}{search}"
+    return f"mesh of {now.vertices:,} vertices, σ {now.sigma:.3g}{search}"

@@ -95,9 +95,9 @@ def _ending(context: Context) -> _Work | None:
         return None
     step, elapsed = context.session.solver.step, waiting.elapsed
     text = f"{waiting.what} when the run has ended: {elapsed:.0f} s"
-    share, doing = (step.share(), step.text()) if step else (None, "taking its best field")
+    doing = step.task if step else "taking its best field"
     tip = "Keep the current document. The run still ends, with its best field."
-    return _Work("ending the run", text, elapsed, share, doing, context.files.stop_waiting, tip)
+    return _Work("ending the run", text, elapsed, None, doing, context.files.stop_waiting, tip)
 
 
 def _draw_work(ui: Ui, work: _Work) -> None:

@@ -10,7 +10,7 @@ import polyscope.imgui as imgui
 import abfm
 from abfm.outcome import Facts, Outcome, WarningTopic
 from abfm.wording import capital, counted, sentence
-from abfm.workers.progress import Step, rounded_time
+from abfm.workers.progress import Overall, Step
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.keyboard import with_key
@@ -28,6 +28,7 @@ _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # maximum height of the state, as a share of the panel
 _SIDE_BUTTON = 76
 _SIDE_SHARE = 0.3
+_DETAIL_SECONDS = 1.0  # a step of this duration is shown instead of the stage
 _BAR_HEIGHT = 8  # of progress bars, as on cards; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
 _WARM_START_LABEL = "from the current field"
@@ -111,33 +112,39 @@ def draw_switches(ui: Ui, session: Session) -> None:
 
 def _draw_progress(ui: Ui, session: Session) -> None:
     solver = session.solver
-    snapshot, step = session.matching.snapshot, solver.step
+    snapshot, overall = session.matching.snapshot, solver.overall
     if snapshot is None:
-        draw_step(ui, step or Step("starting the solver"))
+        draw_overall(ui, overall)
+        ui.note(capital(overall.detail()))
         return
-    now, limit = snapshot.iteration, snapshot.problem.parameters.solver.iterations
-    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR_HEIGHT)), "")
-    seconds = None if step else solver.seconds_each
-    remaining = limit - now.iteration
-    at_most = ""
-    if seconds and remaining > 0:
-        at_most = f", at most {rounded_time(seconds * remaining)} more"
+    now = snapshot.iteration
+    draw_overall(ui, overall, verdict_words.attempt_text(now))
     residual = verdict_words.residual_text(now)
     best = snapshot.shown.residual
     has_better = best < now.residual and not now.is_of_landmarks
     earlier = f", best {best:.3g}" if has_better else ""
-    ui.note(f"Iteration {now.iteration}/{limit}, {residual}{earlier}", "ink")
-    ui.note(capital(step.text() if step else f"{verdict_words.stage_text(now)}{at_most}"))
+    ui.note(f"Iteration {now.iteration}, {residual}{earlier}")
+    ui.note(capital(overall.detail(_DETAIL_SECONDS) or verdict_words.stage_text(now)))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
 
 
+def draw_overall(ui: Ui, overall: Overall, part: str = "") -> None:
+    """Draw the progress of a task: a bar, and its phase with the remaining time."""
+    _draw_bar(ui, overall.share(), overall.began)
+    ui.note(capital(", ".join(filter(None, (overall.name, part, overall.text())))), "ink")
+
+
 def draw_step(ui: Ui, step: Step) -> None:
-    """Draw the text and the progress bar of a step, animated if the progress is unknown."""
-    share = step.share()
-    animated = -0.5 * (time.monotonic() - step.began)
-    imgui.ProgressBar(animated if share is None else share, (-1, ui.px(_BAR_HEIGHT)), "")
+    """Draw the progress bar and the text of a step."""
+    _draw_bar(ui, step.share(), step.began)
     ui.note(capital(step.text()))
+
+
+def _draw_bar(ui: Ui, share: float | None, began: float) -> None:
+    """Draw a progress bar; it is animated if the share is unknown."""
+    animated = -0.5 * (time.monotonic() - began)
+    imgui.ProgressBar(animated if share is None else share, (-1, ui.px(_BAR_HEIGHT)), "")
 
 
 def draw_sequence(context: Context) -> None:
@@ -146,7 +153,7 @@ def draw_sequence(context: Context) -> None:
     assert isinstance(document, SequenceDocument)
     sequence, result = document.sequence, document.result
     if session.solver.running:
-        draw_step(ui, run.step)
+        draw_overall(ui, session.solver.overall)
         found = run.found_count(document)
         ui.note(f"Intervals found: {found} of {sequence.intervals}", "ink")
         return

@@ -17,7 +17,6 @@ import abfm
 from abfm.tasks.monitor import Monitor
 from abfm.types import FloatArray
 from abfm.workers.control import Control, current_control
-from abfm.workers.progress import Step
 from abfm.workers.worker import WorkerEndedError, report
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.run import Run
@@ -46,16 +45,10 @@ class SequenceMatch:
         self.pair: tuple[int, int] | None = None  # frames that the user chose to match alone
         self.running_document: SequenceDocument | None = None  # the same object during a run
         self._run = run
-        self._step = Step("starting the solver")
         self._fields: dict[int, FloatArray] = {}  # fields of the run, by interval
         self._fast_speed = 0.0  # the largest fast speed of the run's fields
         self._speeds = Memo[FloatArray]()
         self._of_result = Memo[tuple[FloatArray | None, ...]]()
-
-    @property
-    def step(self) -> Step:
-        self._step = self._run.step or self._step
-        return self._step
 
     def start(self, document: SequenceDocument, then: Then, resumes_only: bool = False) -> None:
         """Start a run that matches all frames, beginning with the fields in the checkpoint, if any.
@@ -64,7 +57,6 @@ class SequenceMatch:
         checkpoint. When the run has ended, ``then`` is called with the document and the result.
         """
         self.running_document, self._fields, self._fast_speed = document, {}, 0.0
-        self._step = Step("reading the checkpoint" if resumes_only else "starting the solver")
         given = _task(document), self.checkpoint_base(document), resumes_only
         work, end = partial(self._solve, *given), partial(self._end, document, then)
         self._run.start(work, end, resumes=True)
@@ -79,9 +71,11 @@ class SequenceMatch:
 
     @property
     def progress_text(self) -> str:
-        doing = "paused" if self._run.paused else self.step.text()
+        overall = self._run.overall
         count = self.running_document.sequence.intervals if self.running_document else 0
-        return f"{doing}, {len(self._fields)} of {count} intervals found"
+        found = f"{len(self._fields)} of {count} intervals found"
+        name = "paused" if self._run.paused else overall.name
+        return ", ".join(filter(None, (name, overall.text(), found)))
 
     def field(self, document: SequenceDocument, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always as the same array; None if it is unknown.

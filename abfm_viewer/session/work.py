@@ -264,10 +264,10 @@ class MatchWork(Work):
     @property
     def progress(self) -> str:
         solver, snapshot = self.parts.solver, self.parts.matching.snapshot
-        if snapshot is None:
-            return solver.step.text() if solver.step else "starting the solver"
-        state, now = "paused" if solver.paused else "solving", snapshot.iteration
-        return f"{state}, {stage_text(now)}, {residual_text(now)}"
+        parts = ["paused" if solver.paused else solver.overall.name, solver.overall.text()]
+        if snapshot is not None:
+            parts += [stage_text(snapshot.iteration), residual_text(snapshot.iteration)]
+        return ", ".join(filter(None, parts))
 
     @property
     def obstacle(self) -> str:

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from abfm.calculus.geodesics import path_length
 from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
-from abfm.maps.distortion import Distortion, SurfaceMap
+from abfm.maps.distortion import Distortion, Log2Statistics, SurfaceMap
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
+from abfm.wording import number_text, percents
 
 # in sqrt(area); a report has the shares of vertices with errors up to these bounds
 ERROR_BOUNDS = (0.05, 0.1, 0.25)
@@ -29,6 +30,7 @@ DISTANCE_MAX = 0.1  # sqrt(area), largest distance of an image from the surface
 RMS_DISTANCE_MAX = 0.02  # sqrt(area), root mean square of these distances
 FOLDED_SHARE_MAX = 0.1  # largest share of folded faces
 _ROUND_TRIP_VERTICES_MAX = 10_000  # number of vertices measured by a round trip
+_HEADS = ("mean", "median", "95%", "98%", "largest")  # columns of `quality_table`
 RETURN_DISTANCE_MAX = 1.0  # mean edge lengths, for 95% of the vertices after a round trip
 
 
@@ -209,3 +211,32 @@ class FlowMapQuality:
     def report(self) -> str:
         """Return the distortion and the round-trip error as two lines of text."""
         return f"{self.distortion.report()}\n{self.round_trip.report()}"
+
+
+def quality_table(
+    distortion: Distortion, back: RoundTrip, accuracy: MapAccuracy | None = None
+) -> list[str]:
+    """Return distortion, round-trip errors and geodesic errors of a map as lines of a table."""
+    rows = [
+        ("areas, |log2 J|", _log2_row(distortion.log2_area)),
+        ("shapes, |log2 R|", _log2_row(distortion.log2_shape)),
+        ("round trip, edge lengths", (None, back.median, back.p95, None, None)),
+    ]
+    shares: list[str] = []
+    if accuracy is not None:
+        measured = accuracy.mean, accuracy.median, None, None, accuracy.maximum
+        rows.append(("error, sqrt(area)", measured))
+        for bound in ERROR_BOUNDS:
+            within = percents(float(accuracy.share_under(bound)), ".3g")
+            shares.append(f"{within} of the vertices have an error of at most {bound:g}")
+    table = [("", _HEADS), *((n, [number_text(x, ".3g") for x in row]) for n, row in rows)]
+    return [
+        *(f"{name:<24}{''.join(f'{cell:>10}' for cell in cells)}" for name, cells in table),
+        *shares,
+        f"folded faces: {distortion.folded:,} of {len(distortion.area):,}",
+        "95%: largest value on 95% of the surface; |log2 J| is 1 where areas double or halve",
+    ]
+
+
+def _log2_row(found: Log2Statistics) -> tuple[float | None, ...]:
+    return found.mean, None, found.p95, found.p98, found.maximum

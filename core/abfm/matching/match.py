@@ -25,7 +25,7 @@ from abfm.mesh import MeshLike
 from abfm.outcome import Outcome
 from abfm.parameters import Parameters
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, current_control
-from abfm.workers.progress import step
+from abfm.workers.progress import phase, step
 
 
 def match(
@@ -118,7 +118,8 @@ def match(
     path, number, reason = solution.path, solution.step, solution.reason
     may_end = reason is not StopReason.CANCELLED or control.skip_checks
     if math.isnan(path[number].verified_residual):
-        with controlled(control, lambda: may_end):  # verified even if cancelled before
+        # verified even if cancelled before
+        with phase("check"), controlled(control, lambda: may_end):
             try:
                 path = (*path[:number], _verified(problem, path[number]), *path[number + 1 :])
             except MemoryError:
@@ -141,7 +142,7 @@ def match(
         path=path,
         step=number,
     )
-    with controlled(Control()):  # checks the landmarks even if cancelled
+    with phase("check"), controlled(Control()):  # checks the landmarks even if cancelled
         return found.judged(history[stages == stages[-1], 0])
 
 

@@ -26,6 +26,7 @@ from abfm.matching.match import match
 from abfm.matching.problem import Problem
 from abfm.matching.result import Match
 from abfm.matching.solvability import is_measured
+from abfm.matching.solving.outlook import expected_seconds
 from abfm.matching.solving.record import Iteration
 from abfm.matching.terms.functions import (
     FunctionTerm,
@@ -37,7 +38,7 @@ from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.landmark_pairs import Landmarks, by_surface
-from abfm.registration.initial.map_input import MapInput
+from abfm.registration.initial.map_input import Initial, MapInput
 from abfm.registration.initial.methods import initial_map
 from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.vertex_numbering import warn_of_numbering
@@ -45,6 +46,7 @@ from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
 from abfm.workers.control import Control
+from abfm.workers.progress import phase
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
 Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
@@ -200,6 +202,11 @@ def limit_distortion(
     return chosen.with_match(chosen.match, (note,))
 
 
+def _initial_map(initial: object, given: MapInput) -> Initial:
+    with phase("initial map", expected_seconds(len(given.b.vertices))):
+        return initial_map(initial, given)
+
+
 def prepare(
     a: MeshLike,
     b: MeshLike,
@@ -231,7 +238,7 @@ def prepare(
                 "masks and weights are given without functions. Give f and g, or omit masks and "
                 "weights"
             )
-        first = initial_map(initial, MapInput(a, b, landmarks=pairs))
+        first = _initial_map(initial, MapInput(a, b, landmarks=pairs))
         problem = Problem(b, None, None, parameters, **_landmarks_on_b(first.correspondence, pairs))
         return PreparedRegistration(
             first.correspondence, problem, first.notes, None, first.warnings
@@ -258,7 +265,7 @@ def prepare(
         given = MapInput(a, b, source, target, on_a, on_b, channel_weights, pairs)
     else:
         given = MapInput(a, b, mask_a=on_a, mask_b=on_b, landmarks=pairs)
-    first = initial_map(initial, given)
+    first = _initial_map(initial, given)
     found = first.correspondence
     transferred = found.transfer(source.T, by="area").T
     masks = [] if on_b is None else [on_b]

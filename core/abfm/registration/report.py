@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from abfm.maps.distortion import Distortion
+from abfm.maps.quality import MapAccuracy, quality_table
 from abfm.matching import report
 from abfm.matching.judging.facts import finite
 from abfm.registration.correspondence import Correspondence
@@ -53,10 +54,10 @@ def initial_details(initial: Correspondence) -> dict[str, Any]:
     }
 
 
-def map_lines(found: Correspondence) -> list[str]:
+def map_lines(found: Correspondence, accuracy: MapAccuracy | None = None) -> list[str]:
     return [
-        found.distortion().report(),
-        f"{found.round_trip().report()}; {100 * found.coverage():.1f}% of A is covered",
+        *quality_table(found.distortion(), found.round_trip(), accuracy),
+        f"{100 * found.coverage():.1f}% of A is covered",
     ]
 
 

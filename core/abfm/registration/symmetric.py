@@ -24,7 +24,7 @@ from abfm.tasks.monitor import Monitor
 from abfm.tasks.task import Preview, Report, ResultFile, Task, TaskInputs
 from abfm.types import File, FloatArray
 from abfm.wording import share
-from abfm.workers.progress import step
+from abfm.workers.progress import phase
 
 SYMMETRIC_KIND = FileKind(
     "symmetric registration file",
@@ -196,9 +196,9 @@ class SymmetricTask(Task):
         return cls(forward, backward, forward.key)
 
     def solve(self, monitor: Monitor) -> SymmetricRegistration:
-        with step("registering A to B"):
+        with phase("A to B", repeats=1):
             forward = self.forward.solve(monitor)
-        with step("registering B to A"):
+        with phase("B to A"):
             backward = self.backward.solve(monitor)
         return SymmetricRegistration.average(forward, backward)
 

@@ -499,7 +499,10 @@ def _checked_sequence(
     checked_frames, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
     measures: list[IntervalMeasures] = []
-    with step("checking by flow lines") as report, ThreadPoolExecutor(_THREADS) as threads:
+    with (
+        step("checking by flow lines", after=0.0) as report,
+        ThreadPoolExecutor(_THREADS) as threads,
+    ):
         try:
             # the first interval in this thread, to report the compilation of kernels
             measures.append(solver.measures(0))

@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from abfm.workers.control import checkpoint
 
@@ -26,6 +26,12 @@ _WORK_SHARE_MIN = 0.25
 _SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coarse
 _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
+_DONE_MIN = 0.02  # least completed share from which the remaining time is extrapolated
+_OVERDUE_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
+_FALL_MAX = 0.1  # largest amount by which the share of a task may fall
+_RISE_MIN = 1.3  # a longer remaining time is shown from this multiple of the one before
+# remaining times that are shown, in seconds
+_TIMES = (5, 10, 20, 30, 45, 60, 120, 180, 300, 420, 600, 900, 1200, 1800, 2700, 3600)
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,11 @@ class Step:
     expected: float | None = None  # duration in seconds; None if unknown
     done: float | None = None  # completed share, 0 to 1; None if it is not counted
     began: float = field(default_factory=time.monotonic)  # start, by `time.monotonic`
+    after: float | None = None
+    """Seconds of the phases that follow in the same task, if this step is a phase; else None."""
+    repeats: float = 0.0  # how often a phase as long as this one follows
+    end: float | None = None  # estimated end of a phase, by `time.monotonic`
+    outer: Step | None = None  # the enclosing step
 
     def share(self, now: float | None = None) -> float | None:
         """Return the completed share, 0 to 1, at time ``now``; None if it is unknown.
@@ -47,38 +58,155 @@ class Step:
         return min(self._elapsed(now) / self.expected, _SHARE_MAX)
 
     def seconds_remaining(self, now: float | None = None) -> float | None:
-        """Return the remaining seconds, at least 0; None if unknown or already exceeded."""
-        elapsed = self._elapsed(now)
+        """Return the remaining seconds, at least 0; None if unknown."""
+        now, elapsed = _time(now), self._elapsed(now)
+        if self.end is not None:
+            return max(self.end - now, _OVERDUE_SHARE * (now - self.end))
         if self.done is not None:
-            return elapsed * (1 / self.done - 1) if self.done > 0 else None
-        if self.expected is None or elapsed > self.expected:
+            return elapsed * (1 / self.done - 1) if self.done >= _DONE_MIN else None
+        if self.expected is None:
             return None
-        return self.expected - elapsed
+        return max(self.expected - elapsed, _OVERDUE_SHARE * (elapsed - self.expected))
 
-    def started_now(self) -> Step:
-        """Return a copy that starts now, because clocks of processes may differ."""
-        return replace(self, began=time.monotonic())
+    def seconds_of_task(self, now: float | None = None) -> float | None:
+        """Return the remaining seconds of the complete task; None if unknown."""
+        found, inner = None, None
+        for each in self.chain:
+            found = each.seconds_remaining(now)
+            if each.after is not None:
+                found = inner if found is None else found
+                repeated = each.repeats * (each._elapsed(now) + (found or 0.0))
+                found = None if found is None else found + each.after + repeated
+            inner = found
+        return found
+
+    @property
+    def chain(self) -> list[Step]:
+        """The step and the steps around it, the outermost one last."""
+        return [self, *(self.outer.chain if self.outer else ())]
+
+    @property
+    def phase(self) -> str:
+        """The names of the phases to which this step belongs; empty without phases.
+
+        Phases inside a phase that has its own estimate are left out.
+        """
+        names = list[str]()
+        for each in reversed(self.chain):
+            names += [each.task] if each.after is not None else []
+            if each.end is not None or each.done is not None:
+                break
+        return ", ".join(names)
+
+    def inside(self, outer: Step | None) -> Step:
+        """Return the step with another one around it and around its enclosing steps."""
+        return replace(self, outer=self.outer.inside(outer) if self.outer else outer)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes and the present time, because clocks of processes may differ."""
+        return vars(self) | {"now": time.monotonic()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        shift = time.monotonic() - state.pop("now")
+        end = state["end"]
+        state |= {"began": state["began"] + shift, "end": None if end is None else end + shift}
+        vars(self).update(state)
 
     def text(self, now: float | None = None) -> str:
-        """Return the step as text; from two seconds on, with its remaining or elapsed time."""
-        remaining, elapsed = self.seconds_remaining(now), self._elapsed(now)
+        """Return the step as text; from two seconds on, with the remaining or elapsed time."""
+        remaining, elapsed = self.seconds_of_task(now), self.chain[-1]._elapsed(now)
         if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
-            return f"{self.task}, about {rounded_time(remaining)} left"
+            return f"{self.task}, {within(remaining)}"
         return (
-            f"{self.task}, {rounded_time(elapsed)} so far"
-            if elapsed >= _SECONDS_SHOWN_MIN
-            else self.task
+            f"{self.task}, {elapsed:.0f} s so far" if elapsed >= _SECONDS_SHOWN_MIN else self.task
         )
 
     def _elapsed(self, now: float | None) -> float:
-        return max((time.monotonic() if now is None else now) - self.began, 0.0)
+        return max(_time(now) - self.began, 0.0)
+
+
+class Overall:
+    """The progress of a complete task, as a share and a text that do not jump.
+
+    The share never falls by more than a tenth. The remaining time is rounded up, and does not
+    follow small changes of its estimate.
+    """
+
+    def __init__(self, now: float | None = None) -> None:
+        self.began = _time(now)
+        self.step: Step | None = None  # the present step
+        self._latest: Step | None = None  # the present step or, between two steps, the last one
+        self._most = 0.0  # the largest share so far
+        self._shown = math.inf  # the remaining time that was shown last
+        self._paused: float | None = None  # when the task was paused
+
+    def update(self, step: Step | None) -> None:
+        """Take the present step of the task into account; None between two steps."""
+        self.step, self._latest = step, step or self._latest
+
+    def share(self, now: float | None = None) -> float | None:
+        """Return the completed share, 0 to 1; None until it can be estimated."""
+        if (remaining := self.seconds_remaining(now)) is not None:
+            elapsed = self._now(now) - self.began
+            share = max(elapsed / (elapsed + remaining), self._most - _FALL_MAX)
+            self._most = max(share, self._most)
+            return share
+        return self._most or None
+
+    def seconds_remaining(self, now: float | None = None) -> float | None:
+        """Return the estimated seconds to the end; None in the first seconds, or if unknown."""
+        now = self._now(now)
+        is_early = now - self.began < _SECONDS_SHOWN_MIN
+        return None if is_early or self._latest is None else self._latest.seconds_of_task(now)
+
+    @property
+    def name(self) -> str:
+        """The phase of the task, or its outermost step."""
+        step = self._latest
+        return "starting" if step is None else step.phase or step.chain[-1].task
+
+    def detail(self, longer_than: float = 0.0) -> str:
+        """Return the innermost step, unless it is the phase or lasts less than some seconds."""
+        step = self.step
+        is_shown = step is not None and step.after is None and step.outer is not None
+        return step.task if step and is_shown and step._elapsed(None) >= longer_than else ""
+
+    def text(self, now: float | None = None) -> str:
+        """Return ``within about 20 s``; empty if the remaining time is unknown."""
+        if (seconds := self.seconds_remaining(now)) is None:
+            return ""
+        if not self._shown <= seconds <= _RISE_MIN * self._shown:
+            self._shown = _rounded(seconds)
+        return f"within about {rounded_time(self._shown)}"
+
+    def set_paused(self, paused: bool) -> None:
+        """Stop or restart the clock of the task, whose pauses do not count."""
+        if not paused and self._paused is not None:
+            self.began += _time(None) - self._paused
+        self._paused = _time(None) if paused else None
+
+    def _now(self, now: float | None) -> float:
+        return _time(now) if self._paused is None else self._paused
+
+
+def within(seconds: float) -> str:
+    """Return a remaining time in words, rounded up: ``within about 20 s``."""
+    return f"within about {rounded_time(_rounded(seconds))}"
+
+
+def _rounded(seconds: float) -> float:
+    return next((each for each in _TIMES if seconds <= each), 3600 * math.ceil(seconds / 3600))
 
 
 def rounded_time(seconds: float) -> str:
-    """Return a rounded time with its unit: ``8 s``, ``20 s``, ``3 min``."""
-    if seconds >= 55:
-        return f"{max(round(seconds / 60), 1)} min"
-    return f"{max(round(seconds), 1) if seconds < 10 else 5 * round(seconds / 5)} s"
+    """Return a time with its unit: ``20 s``, ``3 min``, ``2 h``."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.0f} h"
+
+
+def _time(now: float | None) -> float:
+    return time.monotonic() if now is None else now
 
 
 def progress_text(what: str, step: Step | None) -> str:
@@ -87,7 +215,7 @@ def progress_text(what: str, step: Step | None) -> str:
 
 StepListener = Callable[[Step | None], None]
 _step_listener: ContextVar[StepListener | None] = ContextVar("step listener", default=None)
-_outer: ContextVar[Step | None] = ContextVar("enclosing step", default=None)
+_running: ContextVar[_Running | None] = ContextVar("running step", default=None)
 # Seconds per unit of work of steps by their names, on a machine with two cores, before this process
 # measures them.
 INITIAL_RATES: dict[str, float] = {
@@ -114,52 +242,109 @@ def reporting_steps(listener: StepListener) -> Iterator[None]:
 
 
 def report_step(now: Step | None) -> None:
-    """Report a step of another thread or process, or None at its end."""
+    """Report a step of another thread or process within that of this thread, or None at its end."""
+    outer = _step_of(_running.get())
+    _report(now.inside(outer) if now else outer)
+
+
+def _report(now: Step | None) -> None:
     if listener := _step_listener.get():
         listener(now)
 
 
 @contextmanager
 def step(
-    task: str, work: float | None = None, about: str = "", since: float | None = None
+    task: str,
+    work: float | None = None,
+    about: str = "",
+    since: float | None = None,
+    after: float | None = None,
 ) -> Iterator[Callable[[float], None]]:
     """Report a step while the context lasts; yield a function to report its completed share.
 
     ``work`` is the amount of work, in a unit that depends on the task; it predicts the duration.
     ``about`` is added to the name in reports, for example the size. ``since`` is the start by
-    `time.monotonic`, by default now.
+    `time.monotonic`, by default now. ``after`` makes the step a `phase`.
     """
-    known = _rates.get(task)
-    expected = known[0] * work if known and work else None
-    outer = _outer.get()
-    now = Step(f"{task}{about}", expected, None, time.monotonic() if since is None else since)
+    expected = usual_seconds(task, work) if work else None
+    began = time.monotonic() if since is None else since
+    with _reported(Step(f"{task}{about}", expected, None, began, after)) as change:
+        done = 0.0
 
-    def done(share: float) -> None:
-        nonlocal now
-        if math.isfinite(share):
-            now = replace(now, done=min(max(share, now.done or 0.0), 1.0))
-            report_step(now)
+        def report(share: float) -> None:
+            nonlocal done
+            if math.isfinite(share):
+                done = min(max(share, done), 1.0)
+                change(done=done)
 
-    inner = _outer.set(now)
-    report_step(now)
-    try:
-        yield done
+        yield report
         if work:
-            _store_rate(task, (time.monotonic() - now.began) / work, work)
-    finally:
-        with suppress(ValueError):  # an unfinished generator may be deleted in another context
-            _outer.reset(inner)
-            report_step(outer)
+            _store_rate(task, (time.monotonic() - began) / work, work)
 
 
 @contextmanager
-def stepped(task: str, items: Collection[Item]) -> Iterator[Iterator[Item]]:
+def phase(
+    task: str, after: float = 0.0, repeats: float = 0.0
+) -> Iterator[Callable[[float, str], None]]:
+    """Report a phase of a task; yield a function to report its remaining seconds and its name.
+
+    Without a report, the remaining time of a phase is that of the steps in it. ``after`` are the
+    estimated seconds of the phases that follow, and ``repeats`` is the number of following phases
+    as long as this one.
+    """
+    with _reported(Step(task, after=after, repeats=repeats)) as change:
+        yield lambda seconds, name: change(task=name, end=time.monotonic() + seconds)
+
+
+def usual_seconds(task: str, work: float) -> float | None:
+    """Return the expected duration of a step with an amount of work; None if unknown."""
+    known = _rates.get(task)
+    return known[0] * work if known else None
+
+
+class _Running:
+    """A step that this thread has begun, and the step around it."""
+
+    def __init__(self, step: Step, outer: _Running | None) -> None:
+        self._step, self.outer = step, outer
+
+    @property
+    def step(self) -> Step:
+        return replace(self._step, outer=_step_of(self.outer))
+
+    def change(self, **values: Any) -> None:
+        self._step = replace(self._step, **values)
+        _report(self.step)
+
+
+def _step_of(running: _Running | None) -> Step | None:
+    return None if running is None else running.step
+
+
+@contextmanager
+def _reported(step: Step) -> Iterator[Callable[..., None]]:
+    """Report a step while the context lasts; yield a function to change it."""
+    running = _Running(step, _running.get())
+    inner = _running.set(running)
+    running.change()
+    try:
+        yield running.change
+    finally:
+        with suppress(ValueError):  # an unfinished generator may be deleted in another context
+            _running.reset(inner)
+            _report(_step_of(running.outer))
+
+
+@contextmanager
+def stepped(
+    task: str, items: Collection[Item], after: float | None = None
+) -> Iterator[Iterator[Item]]:
     """Report work through items as one step, which ends with the context.
 
     The context yields an iterator over the items. It calls `checkpoint` before each item, and
     reports the completed share after each.
     """
-    with step(task) as done:
+    with step(task, after=after) as done:
         yield _counted(items, done)
 
 

@@ -73,8 +73,7 @@ class Call(Generic[Result]):
                     content, _ = parcel.unpack(self.named)
                     match kind:
                         case "step":
-                            # processes may have different clocks
-                            report_step(content and content.started_now())
+                            report_step(content)
                         case "report":
                             on_report(content)
                         case "warning":

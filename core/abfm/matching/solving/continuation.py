@@ -35,6 +35,7 @@ from abfm.matching.solving.descent import (
 from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
 from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_measures
+from abfm.matching.solving.outlook import REFINED_SHARE, SECOND_SHARE, Outlook, Plan
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
@@ -48,6 +49,7 @@ from abfm.outcome import RESIDUAL_NEARLY
 from abfm.parameters import REFINE_MAX
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.progress import phase
 from abfm.workers.progress import step as progress_step
 
 _NO_FIELDS = np.empty((1, 0, 3))
@@ -118,16 +120,20 @@ class Solution:
 
 def solve(energy: MatchingEnergy, record: Record) -> Solution:
     """Run a continuation and return its best result, also if it is cancelled or memory runs out."""
-    state, reason = init(energy, record), None
-    try:
-        while not terminate(state):
-            state = step(state)
-    except CancelledError:
-        reason = StopReason.CANCELLED
-    except MemoryError:
-        if not record.history or record.is_calling:
-            raise
-        reason = StopReason.OUT_OF_MEMORY
+    with phase("match") as report:
+        state, reason = init(energy, record), None
+        record.outlook = Outlook(report)
+        try:
+            while not terminate(state):
+                record.outlook.plan(_outlook(state))
+                state = step(state)
+        except CancelledError:
+            reason = StopReason.CANCELLED
+        except MemoryError:
+            if not record.history or record.is_calling:
+                raise
+            reason = StopReason.OUT_OF_MEMORY
+    record.outlook = None
     # after the exception handlers, so that the memory of the interrupted step is free
     with controlled(Control()):  # finishes even if cancelled
         return finish(state, reason)
@@ -181,6 +187,34 @@ def _schedule(levels: Levels) -> Schedule:
 
 def terminate(state: State) -> bool:
     return state.phase is Phase.DONE
+
+
+def _outlook(state: State) -> Plan:
+    levels, schedule, p = state.levels, state.schedule, state.energy.parameters
+    sizes = [len(level.energy.mesh.vertices) for level in levels.all]
+    level = 0 if state.sweep is None else state.sweep.level
+    is_first, is_search = not state.tried, state.phase is Phase.SEARCH
+    attempts = len(state.variants) - len(state.tried) - 1 if is_search else 0
+    refined = sum(isinstance(each.to_finer, Subdivision) for each in levels.all)
+    finer, size = list[int](), sizes[-1]
+    most = np.inf if p.refine else SETTINGS.refined_vertices_max
+    if p.refine or (p.refine is None and schedule.is_free and p.solver.iterations):
+        while refined + len(finer) < (p.refine or REFINE_MAX) and (size := 4 * size) <= most:
+            finer.append(size)
+    is_reached = bool(_finest(state)) and state.path[_end(state)].worse <= state.goal
+    may_succeed = is_first and is_search and bool(attempts)
+    share = 1.0 if p.refine else SECOND_SHARE if may_succeed else REFINED_SHARE
+    return Plan(
+        state.variant.fields,
+        steps=len(state.sweep.sigmas) if is_search and state.sweep is not None else 0,
+        attempts=attempts * (1.0 if schedule.is_measured else SECOND_SHARE),
+        sizes=tuple(
+            sizes[levels.mesh_level :][:1] if level < levels.cheapest(levels.mesh_level) else ()
+        ),
+        refined=refined,
+        finer=tuple(finer),
+        finer_share=0.0 if is_reached else share,
+    )
 
 
 def step(state: State) -> State:

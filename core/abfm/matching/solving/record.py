@@ -12,6 +12,7 @@ from abfm.matching.objective.matching_energy import Evaluation
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import hardly_moved, vanished
 from abfm.matching.solving.levels import Level, Levels
+from abfm.matching.solving.outlook import Outlook
 from abfm.matching.solving.schedule import Stage
 from abfm.matching.solving.settings import SETTINGS
 from abfm.matching.terms.functions import FunctionTerm
@@ -204,6 +205,7 @@ class Record:
         self.is_provisional = False  # see `IterateView`
         self.is_calling = False  # whether the callback runs, or has raised an error
         self.attempt = self.attempts = 1  # see `Iteration`
+        self.outlook: Outlook | None = None
         self._level: int | None = None  # level of the latest iterate
         self._on_iteration = on_iteration
 
@@ -227,6 +229,8 @@ class Record:
         self.latest, self._level = (stage.level, point), stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
+        if self.outlook is not None:
+            self.outlook.add(levels[stage.level].energy.discretisation.size)
         if self._on_iteration is not None:
             iteration = self._iteration(levels, stage, point)
             self.is_calling = True

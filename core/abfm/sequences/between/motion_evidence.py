@@ -13,6 +13,7 @@ from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
 from abfm.sequences.between.interpolation import interpolate
 from abfm.sequences.frames import Frames
+from abfm.sequences.phase_times import seconds_after
 from abfm.sequences.solving.solve import SequenceSolver
 from abfm.types import FloatArray
 from abfm.workers.progress import stepped
@@ -56,7 +57,8 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
     product = square = variance = 0.0
     # products of the rates of change of the frame by the found field and by those of both intervals
     fields = np.zeros((3, 3))
-    with stepped("holding out frames", _middles(solver)) as middles:
+    task, held_out = "holding out frames", _middles(solver)
+    with stepped(task, held_out, seconds_after(task, solver.frames)) as middles:
         for middle in middles:
             try:
                 found = _evidence(solver, middle)

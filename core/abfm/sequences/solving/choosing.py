@@ -23,6 +23,7 @@ from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.noise import NOISE_FACTOR, noise_floor
 from abfm.sequences.parameters import SequenceParameters
+from abfm.sequences.phase_times import seconds_after
 from abfm.sequences.solving.interval import COOLING_FACTOR, Interval, cooling
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -104,7 +105,9 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
         if given.sigma is not None:
             return Choice(given_norm, given.sigma)
         raise ParameterError("too few vertices are compared to choose sigma; give a sigma")
-    with step("choosing sigma") as report:
+    task = "choosing sigma"
+    with step(task, after=seconds_after(task, frames)) as report:
+        report(0.0)
         count, found = len(candidates), [first]
         first.scan(lambda share: report(share / count))
         for number, norm in enumerate(candidates[1:]):

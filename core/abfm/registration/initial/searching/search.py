@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -160,22 +161,21 @@ def search_initial_map(
     search = _Search(given)
     with step("comparing initial maps") as done:
         fine = search.pair(_VERTICES)
-        starts, refused = _starts(search, kinds, sides)
+        starts, refused = _starts(search, kinds, sides, lambda share: done(0.45 * share))
         if not starts:
             raise AbfmError("; ".join(refused))
-        done(0.4)
         chosen = _screened(search.pair(_SCREENED_VERTICES), starts)
-        done(0.6)
+        done(0.65)
         tried = []
         for number, start in enumerate(chosen):
             tried.append(_relaxed(fine, start, both_sides=len(sides) > 1))
-            done(0.6 + 0.3 * (number + 1) / len(chosen))
+            done(0.65 + 0.15 * (number + 1) / len(chosen))
         tried.sort(key=lambda each: each.cost)
-    best = _most_accurate(fine, tried)
-    if best.start.fine is not None and best.moved <= _SAME_MAP_DISTANCE:
-        found = best.start.fine()
-    else:
-        found = make_continuous(given, search.polished(best))
+        best = _most_accurate(fine, tried)
+        if best.start.fine is not None and best.moved <= _SAME_MAP_DISTANCE:
+            found = best.start.fine()
+        else:
+            found = make_continuous(given, search.polished(best))
     return Initial(
         found.correspondence.with_candidates(_candidates(best, tried)),
         found.notes,
@@ -297,18 +297,18 @@ def _through_landmarks(pair: Pair, images: FloatArray) -> FloatArray:
 
 
 def _starts(
-    search: _Search, kinds: Sequence[str], sides: Sequence[int]
+    search: _Search, kinds: Sequence[str], sides: Sequence[int], done: Callable[[float], None]
 ) -> tuple[list[Start], list[str]]:
     """Return the candidates of the given kinds and sides, and the reasons for missing kinds."""
     found: list[Start] = []
     refused: list[str] = []
-    for kind in kinds:
-        for side in sides:
-            checkpoint()
-            try:
-                found += _MAKERS[kind](search, side)
-            except AbfmError as error:
-                refused.append(f"{kind}: {error}")
+    for number, (kind, side) in enumerate(product(kinds, sides), 1):
+        checkpoint()
+        try:
+            found += _MAKERS[kind](search, side)
+        except AbfmError as error:
+            refused.append(f"{kind}: {error}")
+        done(number / (len(kinds) * len(sides)))
     return found, list(dict.fromkeys(refused))
 
 
