@@ -106,7 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:
-        print(replace(solved, outputs=written).summary())
+        report = PopulationTask.report.lines(solved.result)
+        print(replace(solved, outputs=written).summary(report))
     return solved.status
 
 

@@ -6,7 +6,7 @@ import argparse
 import json
 import signal
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,11 +124,16 @@ class Solved:
     status: int
     checkpoints: list[Path]  # only after a signal
 
-    def summary(self) -> str:
-        """Return outcome, reason, next step and files, a line each, and any warnings."""
+    def summary(self, report: Sequence[str] = ()) -> str:
+        """Return outcome, reason, next step and files, a line each, and any warnings.
+
+        The lines of a ``report`` replace outcome, reason and warnings.
+        """
         names, facts = list(map(printable, self.outputs)), self.result.facts
         file = next((name for name in names if name.endswith(".npz")), "")
-        lines = [line for line in facts.lines if line]
+        lines = [*report] or [line for line in facts.lines if line]
+        if not (facts.is_complete or lines[0].startswith("cancelled")):
+            lines[0] = f"cancelled: {lines[0]}"
         if self.checkpoints:
             lines.append(f"run the same command to resume from {printable(self.checkpoints[0])}")
         advice = self.task.report.advice(self.result, file or "RESULT.npz")

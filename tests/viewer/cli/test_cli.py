@@ -16,12 +16,13 @@ from abfm import Parameters, load
 from abfm.explanations import names as section_names
 from abfm.explanations import slug
 from abfm.functions import families
-from abfm.matching.report import path_lines
 from abfm.matching.task import MatchTask
 from abfm.parameters import FIELDS, MAIN_FIELDS
 from abfm.workers import progress
+from abfm.workers.progress import Step
 from abfm_viewer.cli import commands, main
 from abfm_viewer.cli.options import Parser
+from abfm_viewer.cli.progress import TaskProgress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.documents import document_of_result
 from abfm_viewer.files.project import load_project, save_project
@@ -110,8 +111,11 @@ def test_usage_shows_required_options(command, required, capsys):
     assert f" {required} [options]" in help_text(f"{command} --help", capsys).splitlines()[0]
 
 
-def test_commands_are_listed_and_parsers_keep_settings(abfm):
-    out = abfm("").out
+def test_commands_are_listed_and_parsers_keep_settings(abfm, capsys):
+    assert len(re.findall(r"^  abfm ", abfm("").out, re.M)) == 3  # examples
+    with pytest.raises(SystemExit):
+        commands.run(["--help"])
+    out = capsys.readouterr().out
     for command in commands.COMMANDS:
         assert f"\n  {command} " in out
     parsers = Parser(prog="abfm", description="").add_subparsers()
@@ -236,7 +240,7 @@ def test_match_writes_files_and_json(tmp_path, abfm):
     assert report["parameters"] == match.parameters.to_dict()
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
     assert report["max_distortion"] == 1000
-    assert re.search(r"^iteration 0: mesh .*, sigma .*, residual [\d.]+$", output.err, re.M)
+    assert re.match(r"match: mesh of [\d,]+ vertices", output.err)
     attributes = trimesh.load(outs[1], process=False).metadata["_ply_raw"]
     assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
     field = attributes["face"]["data"]["velocity_segment_1_2"]
@@ -255,22 +259,23 @@ def test_match_writes_files_and_json(tmp_path, abfm):
 def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
     output = abfm(f"{MATCH} --out {{t}}/m.npz", status=UNREACHED)
     match = load(tmp_path / "m.npz")
-    assert output.err == ""
-    headline, reason, numbers, *table, wrote, advice, help_line = output.out.splitlines()
+    headline, reason, advice, wrote = output.out.splitlines()
     assert (headline, reason) == (match.facts.headline, match.facts.reason)
-    check_names(numbers, f"{match.residual:.3g}", f"{match.verified_residual:.3g}")
-    assert wrote.endswith(f" s; wrote {tmp_path}/m.npz")
-    assert table == (path_lines(match) if len(match.path) > 1 else [])
+    assert wrote.startswith(f"wrote {tmp_path}/m.npz in ")
     assert MatchTask.report.advice(match, f"{tmp_path}/m.npz") in advice
-    assert help_line == f"help: abfm explain {slug(match.verdict.cause)}"
+    assert advice.endswith(f"; help: abfm explain {slug(match.verdict.cause)}")
     out = abfm(f"{MATCH} --out {{t}}/m.npz --source expression:1", status=UNREACHED).out
-    headline, reason, *_, advice, help_line = out.splitlines()
+    headline, reason, advice, wrote = out.splitlines()
     assert headline.startswith("impossible")
     check_message(reason)
     check_message(advice)
-    assert help_line == "help: abfm explain source-constant"
-    assert abfm(help_line.removeprefix("help: abfm ")).out.startswith("Source constant\n\n")
-    assert abfm("info {t}/m.npz").out.splitlines()[-1] == help_line
+    explain = "help: abfm explain source-constant"
+    assert advice.endswith(explain)
+    assert abfm(explain.removeprefix("help: abfm ")).out.startswith("Source constant\n\n")
+    lines = abfm("info {t}/m.npz").out.splitlines()
+    assert lines[-1] == explain
+    match = load(tmp_path / "m.npz")
+    check_names(lines[2], f"{match.residual:.3g}", f"{match.verified_residual:.3g}")
 
 
 def test_explain_lists_all_sections_and_refuses_others(abfm):
@@ -296,7 +301,7 @@ def test_advice_improves_the_match(tmp_path, abfm):
     assert "\nthe flow squeezed the source to nothing" in output.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, output.err)
-    options = shlex.split(re.search(r"^advice: reach further \((.*?)\)$", output.out, re.M)[1])
+    options = shlex.split(re.search(r"^advice: reach further \((.*?)\)", output.out, re.M)[1])
     before = load(tmp_path / "m.npz").residual
     abfm(line, *options)
     assert load(tmp_path / "m.npz").residual < 0.2 * before
@@ -308,11 +313,11 @@ def test_long_steps_are_reported(quiet, abfm, monkeypatch):
     monkeypatch.setattr(progress, "_rates", dict.fromkeys(slow, (1.0, 0)))
     lines = abfm(f"info {{eight}} {quiet}").err.splitlines()
     wanted = [] if quiet else ["reading an OFF mesh", slow[1]]
-    assert [line.partition(", about")[0] for line in lines] == wanted
+    assert lines == wanted
     pair = "--source=gaussian:vertex=0 --target=gaussian:vertex=300"
     line = f"match {{eight}} {pair} --set=iterations=5 --refine=0 --set=levels=1 --out {{t}}/m.npz"
     output = abfm(f"{line} {quiet}", status=UNREACHED).err
-    assert (f"{slow[2]}, about " in output) is not bool(quiet)
+    assert ("check" in output.splitlines()) is not bool(quiet)
     assert "factoring a system" not in output  # a step of unknown, short duration
 
 
@@ -511,3 +516,48 @@ def test_bench_passes_its_options(abfm, monkeypatch, tmp_path):
     assert (counted.folder, measured.folder) == (tmp_path / "b", None)
     for trials in (counted, measured):
         assert (list(trials.meshes), trials.count, trials.cluster.jobs) == (["eight.off"], 1, 1)
+
+
+def test_info_of_a_project_names_its_parts(abfm, result, project):
+    match = load(result)
+    lines = abfm("info {p}", p=project).out.splitlines()
+    rows = [line.split(None, 1) for line in lines[1:3]]
+    assert rows[0] == ["document", "match"]
+    assert f"{len(match.mesh.faces):,} faces" in rows[1][1]
+    assert sum(line.startswith("  function ") for line in lines) == match.source.shape[1] == 2
+    assert line_with("\n".join(lines), "  result").endswith(match.facts.headline)
+    facts = json.loads(abfm("info {p} --json", p=project).out)
+    assert facts["result"]["residual"] == match.residual
+    assert len(facts["functions"]) == 2
+
+
+def test_lines_of_progress_are_few():
+    """A line begins with each phase, attempt and mesh; later ones follow at growing distances."""
+    state = TaskProgress()
+    began = state.overall.began
+
+    def iterate(seconds, attempt, vertices=2500, name="match"):
+        now = began + seconds
+        state.overall.update(Step(name, began=began, after=0.0, end=now + 100))
+        state.iteration, state.iterating = iteration(vertices, attempt), name
+        return state.line(now)
+
+    state.overall.update(Step("match", began=began, after=0.0))
+    assert state.line(began) == ""
+    lines = [iterate(second, 1 + (second > 100)) for second in range(1, 400)]
+    lines += [iterate(400, 2, 10_000, "refine")]
+    assert list(filter(None, lines)) == [
+        "match: mesh of 2,500 vertices, attempt 1 of 2",
+        "match: 24%, 31 s so far, within about 2 min",
+        "match: 48%, 2 min so far, within about 2 min",
+        "match: mesh of 2,500 vertices, attempt 2 of 2",
+        "match: 57%, 2 min so far, within about 2 min",
+        "match: 66%, 3 min so far, within about 2 min",
+        "match: 76%, 5 min so far, within about 2 min",
+        "refine: mesh of 10,000 vertices",
+    ]
+
+
+def iteration(vertices, attempt):
+    level = int(vertices > 2500)
+    return Mock(vertices=vertices, level=level, attempt=attempt, attempts=2)

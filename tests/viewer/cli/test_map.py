@@ -7,6 +7,7 @@ from abfm import Parameters, Problem, TriangleMesh, function, load
 from abfm.experiments import Example, match_of_flow
 from abfm.experiments.fields import tangential_part
 from abfm.flow.flow import Flow
+from abfm.maps.quality import quality_table
 from tests.messages import check_message, line_with
 from tests.shapes import ellipsoid, icosphere
 
@@ -29,8 +30,10 @@ def rotation(tmp_path_factory):
 def test_map_of_a_rotation_has_no_folds_and_small_errors(rotation, tmp_path, abfm):
     for name in ("map.txt", "map.npy"):
         output = abfm(f"map {{r}} --out {{t}}/{name}", r=rotation)
-        areas, folded = output.out.splitlines()[0], line_with(output.out, "1280")
-        check_message(areas, "|log2 J|")
+        heads, areas = output.out.splitlines()[:2]
+        assert heads.split() == ["mean", "median", "95%", "98%", "largest"]
+        assert areas.startswith("areas, |log2 J|")
+        folded = line_with(output.out, "1,280")
         check_message(folded, 0)
         assert output.out.endswith(f"\nwrote {tmp_path / name}\n")
         assert output.err == ""
@@ -45,7 +48,8 @@ def test_map_of_a_rotation_has_no_folds_and_small_errors(rotation, tmp_path, abf
     right = json.loads(abfm("map {r} --truth {t}/truth.txt --json", r=rotation).out)["accuracy"]
     assert right["mean"] < 0.03
     assert right["vertices"] == len(mesh.vertices)
-    check_message(line_with(abfm("map {r} --truth identity", r=rotation).out, "error"))
+    output = abfm("map {r} --truth identity", r=rotation).out
+    assert len(line_with(output, "error, sqrt(area)").split()) == 7
     still = json.loads(abfm("map {r} --truth identity --time 0 --json", r=rotation).out)
     assert still["accuracy"]["maximum"] < 1e-6
 
@@ -68,7 +72,8 @@ def test_folding_flow_has_a_warning(folding, tmp_path, abfm):
     for words in ("", "--functional-map=5", "--push={t}/uv.npy"):
         output = abfm(f"map {{r}} --out {{t}}/out.npy {words}", r=folding)
         assert output.err == f"warning: {found.warning}\n"
-        assert output.out == f"{found.report()}\nwrote {tmp_path / 'out.npy'}\n"
+        table = quality_table(found.distortion, found.round_trip)
+        assert output.out.splitlines() == [*table, f"wrote {tmp_path / 'out.npy'}"]
 
 
 def test_json_has_the_facts_of_a_map(folding, rotation, tmp_path, abfm):
