@@ -28,7 +28,7 @@ COMMANDS = {
 """The module of each command, or the task that it solves. A module is imported when its command is
 called or when all commands are listed; all together take as long as a short match.
 """
-_ABOUT = """\
+_INTRODUCTION = """\
 Match functions on triangle meshes: find the tangent vector field whose flow transports one function
 to another. Register surfaces, and follow functions in time, by the same method.
 
@@ -39,7 +39,7 @@ Examples:
 
 """
 _DESCRIPTION = f"""\
-{_ABOUT}`abfm COMMAND --help` shows the main options of a command, `--help-all` all of them. The
+{_INTRODUCTION}`abfm COMMAND --help` shows the main options of a command, `--help-all` all of them. The
 window is `abfm-viewer`.
 
 commands:
@@ -48,7 +48,7 @@ commands:
 
 def run(words: list[str]) -> int:
     if not words:
-        print(f"{_ABOUT}`abfm --help` lists all commands. The window is `abfm-viewer`.")
+        print(f"{_INTRODUCTION}`abfm --help` lists all commands. The window is `abfm-viewer`.")
         return 0
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     about = "show the version and exit"

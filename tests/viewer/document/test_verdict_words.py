@@ -181,7 +181,7 @@ def test_unknown_numbers_are_omitted(found, iterations):
     assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
     start = replace(iterations[0], vertices=2500, sigma=18.0)
-    assert stage_text(start, "sigma") == "mesh of 2,500 vertices, sigma 18, long-range search"
+    assert stage_text(start) == "mesh of 2,500 vertices, σ 18, long-range search"
     assert stage_text(replace(start, reach=0.0)) == "mesh of 2,500 vertices, σ 18"
 
 
