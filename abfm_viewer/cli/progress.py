@@ -31,7 +31,8 @@ from abfm_viewer.document.verdict_words import SOLVING_PHASES, attempt_text, res
 
 _WARNING_ITERATIONS = 10  # shorter warnings mostly resolve by themselves
 _LONG_STEP_SECONDS = 2.0
-_LINE_SECONDS = 30.0  # time after the start of a phase until the first line on its progress
+SILENT_SECONDS = 1.0  # a shorter task prints no lines on its progress
+LINE_SECONDS = 30.0  # time after the start of a phase until the first line on its progress
 _LINES_OF_A_MOVIE = 10
 _BAR = BarColumn(bar_width=None)
 _SHORT_BAR = 24  # width of a bar before a text
@@ -43,8 +44,8 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
     """Show the progress of a task; yield a function to call with its partial results.
 
     A terminal shows one line with a bar. Elsewhere a line is printed when a phase, an attempt or a
-    mesh begins, and after 30 s, 1 min, 2 min, ... without a line. A warning that persists is
-    printed once, even if ``quiet``.
+    mesh begins, and after 30 s, 1 min, 2 min, ... without a line. Nothing is printed in the first
+    second. A warning that persists is printed once, even if ``quiet``.
     """
     state, warned = TaskProgress(), 0  # consecutive iterations with a warning
 
@@ -82,7 +83,7 @@ class TaskProgress:
         self.iteration: Iteration | None = None  # the latest one
         self.iterating = ""  # the phase of this iteration
         self._begun: tuple[str, str] | None = None  # the latest printed phase and its part
-        self._printed, self._wait = self.overall.began, _LINE_SECONDS
+        self._printed, self._wait = self.overall.began, LINE_SECONDS
 
     def text(self) -> str:
         """Return phase, remaining time, part and residual."""
@@ -94,7 +95,7 @@ class TaskProgress:
     def line(self, now: float | None = None) -> str:
         """Return a line to print at a time, by default now; mostly empty."""
         step, now = self.overall.step, time.monotonic() if now is None else now
-        if step is None:
+        if step is None or now - self.overall.began < SILENT_SECONDS:
             return ""
         outermost = step.chain[-1]
         if self.overall.name.endswith(SOLVING_PHASES) and not self._part:
@@ -102,7 +103,7 @@ class TaskProgress:
         is_long = step.phase or (outermost.expected or 0) >= _LONG_STEP_SECONDS
         begun = self.overall.name, self._part
         if begun != self._begun and (is_long or now - outermost.began >= _LONG_STEP_SECONDS):
-            self._begun, self._printed, self._wait = begun, now, _LINE_SECONDS
+            self._begun, self._printed, self._wait = begun, now, LINE_SECONDS
             return ": ".join(filter(None, begun))
         if begun == self._begun and now - self._printed >= self._wait:
             self._printed, self._wait = now, 2 * self._wait

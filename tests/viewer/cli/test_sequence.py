@@ -36,7 +36,8 @@ def files(tmp_path_factory):
     return folder
 
 
-def test_sequence_is_printed_and_written(files, tmp_path, abfm):
+def test_sequence_is_printed_and_written(files, tmp_path, abfm, monkeypatch):
+    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.0)
     outs = [tmp_path / name for name in ("s.npz", "s.pvd", "s.html")]
     tables = "--tracks {t}/t.csv --intervals {t}/i.csv"
     line = f"sequence {{f}}/m.ply {{f}}/f.npz --sigma=0.1 {tables}"
@@ -168,12 +169,14 @@ def test_interrupted_sequence_resumes(files, tmp_path, abfm, monkeypatch):
     seen = []
 
     def interrupted(text):
-        if text.startswith("following the frames") and not seen:
+        if text.startswith("following the frames: ") and not seen:  # after the first interval
             seen.append(text)
             os.kill(os.getpid(), signal.SIGTERM)  # shells may ignore SIGINT in the background
 
     with monkeypatch.context() as patched:
         patched.setattr(progress, "print_line", interrupted)
+        for name in ("SILENT_SECONDS", "LINE_SECONDS"):
+            patched.setattr(progress, name, 0.0)
         output = abfm(line, f=files, status=143).out
     assert output.startswith("cancelled: not reached")
     found = load(tmp_path / "a.npz")
