@@ -39,8 +39,8 @@ Examples:
 
 """
 _DESCRIPTION = f"""\
-{_INTRODUCTION}`abfm COMMAND --help` shows the main options of a command, `--help-all` all of them. The
-window is `abfm-viewer`.
+{_INTRODUCTION}`abfm COMMAND --help` shows the main options of a command, `--help-all` all.
+The window is `abfm-viewer`.
 
 commands:
 """
