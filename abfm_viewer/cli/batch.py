@@ -18,6 +18,7 @@ from abfm.batch import run as run_rows
 from abfm.batch.cluster import ConnectionLostError
 from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.batch.table import known_columns
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import (
     ColumnError,
     ParameterError,
@@ -27,7 +28,6 @@ from abfm.errors import (
     printable,
 )
 from abfm.io import write_atomically, write_csv
-from abfm.io.sheets import Up
 from abfm.matching.task import MatchTask
 from abfm.mesh import load_mesh
 from abfm.outcome import Outcome
@@ -314,7 +314,7 @@ def _report(
     try:
         with row_progress(0, arguments.quiet or not draws, "drawing") as report:
             written, no_pictures = write_summary(
-                folder, title, rows, report if draws else None, arguments.up
+                folder, title, rows, report if draws else None, options.view_of(arguments)
             )
     except ResultError as error:
         if seconds is not None:
@@ -410,7 +410,7 @@ def write_summary(
     title: str,
     rows: Sequence[SummaryRow],
     report: Callable[[str], object] | None = None,
-    up: Up | None = None,
+    view: ViewSpec = BEST_VIEW,
 ) -> tuple[list[Path], str]:
     """Write ``summary.csv``, in the order of the rows, and ``summary.html``, worst rows first.
 
@@ -421,11 +421,9 @@ def write_summary(
     table, shown_page = folder / "summary.csv", folder / "summary.html"
     _write_table(table, rows)
     shown = [row.entry for row in worst(rows) if row.is_known]
-    files = {
-        entry.digest: folder / "pictures" / f"{entry.digest}{f'-{up}' if up else ''}.png"
-        for entry in shown
-    }
-    reason = _draw(shown, files, report, up) if report else ""
+    ending = "" if view == BEST_VIEW else f"-{view.name}-{view.up}"
+    files = {entry.digest: folder / "pictures" / f"{entry.digest}{ending}.png" for entry in shown}
+    reason = _draw(shown, files, report, view) if report else ""
     small = {digest: path.read_bytes() for digest, path in files.items() if path.is_file()}
     outputs.write_text(shown_page, batch_page(title, rows, small, reason))
     return [table, shown_page], reason
@@ -455,13 +453,13 @@ def _draw(
     entries: Sequence[LedgerEntry],
     files: Mapping[str, Path],
     report: Callable[[str], object],
-    up: Up | None,
+    view: ViewSpec,
 ) -> str:
     """Draw missing pictures; return the reason if the machine cannot draw, else an empty text."""
     missing = {entry.path: entry for entry in entries if not files[entry.digest].is_file()}
     results = [(path, entry.row.task_type) for path, entry in missing.items() if path]
     try:
-        for number, (path, drawn) in enumerate(pictures.row_pictures(results, up), 1):
+        for number, (path, drawn) in enumerate(pictures.row_pictures(results, view), 1):
             report(f"picture {number} of {len(results)}")
             if not isinstance(drawn, AbfmError):
                 place = files[missing[path].digest]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from abfm import AbfmError, Match, TriangleMesh, experiments, load_mesh
 from abfm.batch import Row
+from abfm.display import BEST_VIEW
 from abfm.errors import printable
 from abfm.experiments import Findings, Measure, RequestedMatch, Script
 from abfm.parameters import FIGURES, TITLES
@@ -75,7 +76,7 @@ def add_arguments(parser: options.Parser) -> None:
     add("--out", "folder for the files, created if missing", "DIR", type=Path, required=True)
     add("--mesh", "compute the figure on this mesh", "FILE")
     options.add_mesh_options(parser)
-    add("--up", "axis that points upwards (default: y with --mesh)", choices=("x", "y", "z"))
+    options.add_view(add)
     add("--json", "print all measured numbers as one JSON object")
     add("--quiet", "do not show progress")
     options.add_workers(parser)
@@ -203,8 +204,9 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> FigureEntry:
             figure.report = report
             findings = figure.findings()
             report("drawing", 1.0)
-            up = arguments.up or (None if on_mesh else findings.sheet.up)
-            sheet = replace(findings.sheet, up=up)
+            sheet, view = findings.sheet, options.view_of(arguments)
+            if on_mesh or view != BEST_VIEW:
+                sheet = replace(sheet, view=view)
             notes, picture, problem = pictures.captions(sheet), None, ""
             try:
                 picture = pictures.figure_picture(sheet, notes)

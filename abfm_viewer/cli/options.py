@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 import abfm
 from abfm.batch.cluster import Cluster
+from abfm.display import BEST_VIEW, UP_AXES, VIEWS, ViewSpec
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import FIELDS, MAIN_FIELDS, option
@@ -142,16 +143,22 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
     return add
 
 
-def add_up(add: Callable[..., None]) -> None:
-    about = "axis that points upwards in pictures and pages (default: z for a cortex of known"
-    add("--up", f"{about} hemisphere, seen from the side; otherwise y)", choices=("x", "y", "z"))
+def add_view(add: Callable[..., None]) -> None:
+    about = "side from which surfaces are shown in pictures and pages (default: best)"
+    add("--view", about, choices=VIEWS)
+    about = "axis that points upwards (default: auto, by the convention of the file or the shape)"
+    add("--up", about, choices=UP_AXES)
+
+
+def view_of(arguments: argparse.Namespace) -> ViewSpec:
+    return ViewSpec(arguments.view or BEST_VIEW.name, arguments.up or BEST_VIEW.up)
 
 
 def add_folder(parser: argparse.ArgumentParser, is_required: bool = False) -> None:
     add = adder(parser.add_argument_group(OUTPUT))
     about = "folder for the results, created if missing"
     add("--out", about, "DIR", type=folder, required=is_required)
-    add_up(add)
+    add_view(add)
     add("--no-pictures", "write the page without pictures")
     add_report(add)
 

@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = [folder / "population.npz", folder / "mean.vtu"]
     if arguments.template.lower().endswith((".gii", ".gii.gz")):
         files.append(folder / "mean.shape.gii")
-    out = solve.Outputs(files, {"subjects": table}, arguments.up)
+    out = solve.Outputs(files, {"subjects": table}, options.view_of(arguments))
     outputs.check_folder(files[0])
     solved = solve.solve(replace(task, cluster=cluster), out, arguments.quiet, folder)
     facts = {
@@ -116,7 +116,9 @@ def _drawn(found: Population, arguments: argparse.Namespace) -> pictures.Populat
         return None
     try:
         with share_progress("page", arguments.quiet) as report:
-            return pictures.population_pictures(found, _PICTURE_WIDTH, arguments.up, report)
+            return pictures.population_pictures(
+                found, _PICTURE_WIDTH, options.view_of(arguments), report
+            )
     except DrawingError as error:
         print_note(f"the page has no pictures: {error}")
         return None

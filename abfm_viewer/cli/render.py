@@ -13,7 +13,15 @@ from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_if_recomputed
+from abfm_viewer.cli.options import (
+    add_view,
+    adder,
+    angle,
+    positive,
+    size,
+    view_of,
+    warn_if_recomputed,
+)
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.document.document import THEMES, Document
 from abfm_viewer.files import outputs
@@ -49,6 +57,7 @@ MAIN_OPTIONS = (
     "time",
     "style",
     "channel",
+    "view",
     "up",
     "streaks",
     "transparent",
@@ -97,7 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("sheet", "window"),
     )
     add("--channel", "channel number (default: 0, or the active one of a project)", "C", type=int)
-    add_up(add)
+    add_view(add)
     add = adder(parser.add_argument_group("pictures and movies in the style of the window"))
     add("--transparent", "make the background transparent")
     add("--no-color-bar", "omit the colour bars")
@@ -176,7 +185,7 @@ def _check_movie(arguments: argparse.Namespace) -> None:
 def _write_page(arguments: argparse.Namespace, document: Document) -> None:
     if document.result is None:
         raise ParameterError(f"{arguments.input} has no result, which a page needs")
-    outputs.write(arguments.out, document.complete_result, arguments.up)
+    outputs.write(arguments.out, document.complete_result, view_of(arguments))
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
@@ -209,7 +218,8 @@ def _picture(arguments: argparse.Namespace, document: Document, known: Known) ->
             raise ParameterError(
                 f"{arguments.input} has no result, which a sheet needs; add --style window"
             )
-        return draw(document.result, arguments.time, arguments.size, document.channel, arguments.up)
+        view = view_of(arguments)
+        return draw(document.result, arguments.time, arguments.size, document.channel, view)
     times = arguments.time or [document.time]
     if len(times) > 1:
         raise UsageError(
@@ -239,14 +249,11 @@ def _write_movie(arguments: argparse.Namespace, document: Document, known: Known
 def _renderer(
     arguments: argparse.Namespace, document: Document, known: Known
 ) -> pictures.DocumentRenderer:
-    """Return the renderer of a document, viewed so that the axis of --up points upwards."""
-    if arguments.up is not None:
-        result, turned = document.match, document
+    """Return the renderer of a document; --view and --up replace the view of a project."""
+    if arguments.view or arguments.up:
+        result = document.match
         functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
-        if document.surface("source") is not document.surface():
-            turned = turned.facing(document.front("source", up=arguments.up), "source")
-        turned = turned.facing(document.front("advected", *functions, up=arguments.up))
-        document = replace(turned, view=replace(document.view, viewpoint=None))
+        document = document.facing(view_of(arguments), *functions)
     theme = arguments.theme or document.view.theme
     document = replace(document, view=replace(document.view, theme=theme))
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels

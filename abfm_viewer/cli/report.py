@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("input", "result of `abfm register`, `abfm symmetric` or `abfm match`", "REG.npz")
     add("--out", "page to write (.html)", "FILE", type=Path, required=True)
     add("--title", "title of the page (default: name of the input)", "TEXT")
-    options.add_up(add)
+    options.add_view(add)
     what = f"width of each picture in pixels (default: {_WIDTH})"
     add("--width", what, "N", type=options.width, default=_WIDTH)
     add("--json", "print the numbers of the page as one JSON object")
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             distortion = found.distortion()
             facts = _facts(arguments, found, distortion)
             drawn = pictures.registration_pictures(
-                found, distortion, arguments.width, arguments.up, update
+                found, distortion, arguments.width, options.view_of(arguments), update
             )
     for warning in facts["warnings"]:
         print_note(warning, "warning")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from abfm.batch import Row
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import ColumnError, ParameterError, printable
 from abfm.outcome import Facts, Outcome
 from abfm.parameters import in_options
@@ -46,7 +47,7 @@ class Command:
         add("--out", about, "FILE", type=Path, action="append", required=True)
         for name, table in self.task.tables.items():
             add(f"--{name}", table.help, "FILE.csv", type=Path)
-        options.add_up(add)
+        options.add_view(add)
         options.add_report(add)
 
     def run(self, arguments: argparse.Namespace) -> int:
@@ -59,7 +60,7 @@ class Command:
         row = row_of(arguments, task)
         tables = {name: getattr(arguments, name) for name in task.tables}
         given = {name: path for name, path in tables.items() if path is not None}
-        out = Outputs(arguments.out, given, arguments.up)
+        out = Outputs(arguments.out, given, options.view_of(arguments))
         out.check(task, row.files())
         with long_steps(arguments.quiet):
             ready = row.task()
@@ -97,7 +98,7 @@ class Outputs:
 
     files: list[Path]
     tables: Mapping[str, Path] = field(default_factory=dict)
-    up: str | None = None
+    view: ViewSpec = BEST_VIEW
 
     @property
     def all(self) -> list[Path]:
@@ -185,7 +186,7 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
             is_written = True
             try:
                 with long_steps(quiet):
-                    for note in outputs.write_all(out.files, result, out.up, out.tables):
+                    for note in outputs.write_all(out.files, result, out.view, out.tables):
                         print_note(note)
             except outputs.LostResultError:
                 is_written = False

@@ -6,7 +6,7 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.pages.front import best_front
+from abfm.pages.front import front_of
 from abfm.types import FloatArray
 
 WIDTH = 0.13
@@ -35,7 +35,7 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     Both lie near a very long geodesic of the mesh, for example from a foot to a hand. The source is
     near its middle, for example on the trunk. The target is farther along it, but so close that a
     first match changes areas little. Both preferably face a viewer who looks from
-    `best_front(mesh)`. Gaussians that span less than two edges, as on coarse meshes or sliver
+    `front_of(mesh)`. Gaussians that span less than two edges, as on coarse meshes or sliver
     triangles, are widened.
     """
 
@@ -88,7 +88,7 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     """
     from scipy.spatial import KDTree  # imported late: the first frame does not need it
 
-    at_vertex: FloatArray = normals @ best_front(mesh).direction
+    at_vertex: FloatArray = normals @ front_of(mesh).direction
     sample = np.arange(0, len(at_vertex), -(-len(at_vertex) // _AVERAGED_VERTICES))
     neighbours = min(len(sample), math.ceil(math.pi * WIDTH**2 * len(sample)))
     tree = KDTree(mesh.vertices[sample])

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple,
 import numpy as np
 
 from abfm import Parameters, TriangleMesh
-from abfm.pages.front import Front, Triple, best_front
+from abfm.display import ViewSpec
+from abfm.pages.front import Front, Triple, front_of
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.keyboard import hint
@@ -476,14 +477,16 @@ class Document:
         *others, last = self.surfaces
         return replace(self, surfaces=(*others, replace(last, name=name)))
 
-    def facing(self, front: Front, slot: str = "advected") -> Self:
-        shown = self.surface(slot)
-        surfaces = (replace(one, front=front) if one is shown else one for one in self.surfaces)
-        return replace(self, surfaces=tuple(surfaces))
+    def front(self, view: ViewSpec, *functions: FloatArray) -> Front:
+        """Return the side from which the last surface is shown, which has these functions."""
+        return front_of(self.surface().mesh, *functions, view=view)
 
-    def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        """Return the direction that shows most of the functions; ``up`` is the upward axis."""
-        return best_front(self.surface(slot).mesh, *functions, up=up)
+    def facing(self, view: ViewSpec, *functions: FloatArray) -> Self:
+        """Return the document seen from a side; the last surface has these functions (V,)."""
+        *others, last = self.surfaces
+        last = replace(last, front=self.front(view, *functions))
+        found = replace(self, surfaces=(*others, last))
+        return replace(found, view=replace(found.view, viewpoint=None))
 
     def values_key(self, side: Side, spec: str) -> str:
         """Return a function's key in a project: its spec, with a prefix if on A of two surfaces."""

@@ -13,7 +13,8 @@ import numpy as np
 
 import abfm
 from abfm import ParameterError
-from abfm.pages.front import Front, best_front, changes_in_time
+from abfm.display import ViewSpec
+from abfm.pages.front import Front, changes_in_time, front_of
 from abfm.types import FloatArray
 
 GAMMA_MAX = 1e6
@@ -129,12 +130,12 @@ class FrameSequence:
         text = f"{time:.{min(digits, 9)}f}"
         return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
-    def front(self, up: str | None = None) -> Front:
-        """Return the direction that shows most of the changes; ``up`` is the upward axis."""
+    def front(self, view: ViewSpec) -> Front:
+        """Return the side from which the frames are shown; the best view shows the changes."""
         changes = changes_in_time(self.frames.values)
         if (unknown := self.frames.unknown) is not None:
             changes[unknown] = 0.0
-        return best_front(self.frames.mesh, up=up, changes=changes)
+        return front_of(self.frames.mesh, view=view, changes=changes)
 
     def frame_label(self, index: int) -> str:
         """Return the number of a frame as text, with its time if that differs from the number."""

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from abfm import Parameters
-from abfm.pages.front import Front
+from abfm.display import BEST_VIEW, ViewSpec
+from abfm.pages.front import Front, same_side
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.comparison import Comparison
@@ -228,6 +229,25 @@ class PairDocument(MatchDocument):
     def surface_label(self, side: Side) -> str:
         return {"source": "A", "target": "B"}[side]
 
+    def facing(self, view: ViewSpec, *functions: FloatArray) -> Self:
+        return super().facing(view, *functions).with_corresponding_front(self.initial_map, view)
+
+    def with_corresponding_front(
+        self, initial: InitialMap | None, view: ViewSpec = BEST_VIEW
+    ) -> Self:
+        """Return the document with A shown from the side of B, by a map or else by the axes."""
+        a, b = self.surfaces
+        if b.front is None:
+            return self
+        if initial is not None:
+            # imported late: loads many modules
+            from abfm.pages.registration_views import corresponding_front
+
+            front = corresponding_front(initial.correspondence, b.front, view)
+        else:
+            front = same_side(b.front, b.mesh, a.mesh, view.up)
+        return replace(self, surfaces=(replace(a, front=front), b))
+
     def renamed(self, name: str, display_names: Mapping[str, str]) -> Self:
         found = super().renamed(name, display_names)
         a, b = found.surfaces
@@ -355,8 +375,8 @@ class SequenceDocument(Document):
         sequence = replace(self.sequence, name=name)
         return replace(super().renamed(name, display_names), sequence=sequence)
 
-    def front(self, slot: str, *functions: FloatArray, up: str | None = None) -> Front:
-        return self.sequence.front(up)
+    def front(self, view: ViewSpec, *functions: FloatArray) -> Front:
+        return self.sequence.front(view)
 
     def missing_values(self, slot: str, values: Values) -> MissingValues:
         return (self.sequence,), lambda: self.sequence.frames.unknown

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import abfm
 from abfm import AbfmError, ResultError
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import one_line, printable
 from abfm.io import results, write_atomically
 
@@ -100,15 +101,15 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-def write(path: Path, found: Any, up: str | None = None) -> str:
+def write(path: Path, found: Any, view: ViewSpec = BEST_VIEW) -> str:
     """Write a result in the format of the suffix; return a note about what the file lacks.
 
-    The note is one line, or empty. ``up`` is the axis that points upwards on an HTML page.
+    The note is one line, or empty. ``view`` is the view of an HTML page.
     """
     if path.suffix == ".npz":
         return results.save_with_fallback(path, found)
     if path.suffix == ".html":
-        abfm.pages.page_of(found, printable(path.stem), up).write(path)
+        abfm.pages.page_of(found, printable(path.stem), view).write(path)
         return ""
     return str(abfm.loading.task_of(found).exports[path.suffix].write(path, found) or "")
 
@@ -116,17 +117,17 @@ def write(path: Path, found: Any, up: str | None = None) -> str:
 def write_all(
     paths: Sequence[Path],
     found: Any,
-    up: str | None = None,
+    view: ViewSpec = BEST_VIEW,
     tables: Mapping[str, Path] | None = None,
 ) -> list[str]:
     """Write a result to several files, and its tables, whose files ``tables`` gives by name.
 
     Return notes about files that lack something, one line each. If a file cannot be written, the
     other files are, and a `ResultError` is raised. Unless a result file (.npz) was written, the
-    result is then saved in another folder. ``up`` is the axis that points upwards on an HTML page.
+    result is then saved in another folder. ``view`` is the view of an HTML page.
     """
     writers: dict[Path, Callable[[], object]] = {
-        path: partial(write, path, found, up) for path in paths
+        path: partial(write, path, found, view) for path in paths
     }
     for name, path in (tables or {}).items():
         writers[path] = partial(abfm.loading.task_of(found).tables[name].write, path, found)

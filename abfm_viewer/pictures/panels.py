@@ -12,7 +12,7 @@ from abfm.calculus.speeds import fast_speed
 from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import TriangleMesh
 from abfm.pages.colormaps import ColorRange, color_range, place_colors
-from abfm.pages.front import Front, best_front, triple
+from abfm.pages.front import Front, front_of, triple
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
 from abfm_viewer.pictures.canvas import canvas, rendered
@@ -64,7 +64,7 @@ def cameras(
             count = len(panel.mesh.vertices)
             on_vertices = [f for f in functions if f is not None and len(f) == count]
             shown = sheet.view_functions if not fronts and sheet.view_functions else on_vertices
-            fronts[panel.mesh] = best_front(panel.mesh, *shown, up=sheet.up)
+            fronts[panel.mesh] = front_of(panel.mesh, *shown, view=sheet.view)
     found = {}
     for mesh, front in fronts.items():
         free = fitted(mesh.vertices, front)

@@ -10,9 +10,9 @@ from itertools import chain
 import numpy as np
 
 from abfm import Population
-from abfm.io.sheets import Up
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
-from abfm.pages.front import best_front
+from abfm.pages.front import front_of
 from abfm.pages.registration_views import CHANNELS_MAX
 from abfm.types import FloatArray
 from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
@@ -32,7 +32,7 @@ class PopulationPictures:
 def population_pictures(
     found: Population,
     width: int,
-    up: Up | None = None,
+    view: ViewSpec = BEST_VIEW,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> PopulationPictures:
     """Return the pictures of a population; ``width`` is in pixels.
@@ -45,7 +45,7 @@ def population_pictures(
     possible = (_outlier(found, i) for i in found.worst_first() if not found.fits[i])
     outliers = [row for row in possible if row is not None][:_OUTLIERS_DRAWN_MAX]
     planned = [*channels, _areas(found), *outliers]
-    rows = draw_rows(planned, {mesh: best_front(mesh, shown, up=up)}, width, report)
+    rows = draw_rows(planned, {mesh: front_of(mesh, shown, view=view)}, width, report)
     count = len(channels)
     return PopulationPictures(tuple(rows[:count]), rows[count], tuple(rows[count + 1 :]))
 

@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 from abfm import Correspondence, Match, Registration
-from abfm.io.sheets import Checker, Panel, Up
+from abfm.display import BEST_VIEW, ViewSpec
+from abfm.io.sheets import Checker, Panel
 from abfm.maps import Distortion
 from abfm.matching import PathStep
 from abfm.pages.colormaps import ColorRange
@@ -45,7 +46,7 @@ def registration_pictures(
     found: Correspondence,
     distortion: Distortion,
     width: int,
-    up: Up | None = None,
+    view: ViewSpec = BEST_VIEW,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> RegistrationPictures:
     """Return the pictures of a registration, or of a map without functions.
@@ -54,7 +55,7 @@ def registration_pictures(
     the next picture and the completed share, 0 to 1. Raises `DrawingError` if the machine cannot
     draw.
     """
-    front_of_a, front_of_b = fronts(found, up)
+    front_of_a, front_of_b = fronts(found, view)
     front_of = {found.a: front_of_a, found.b: front_of_b}
     functions = _functions(found) if isinstance(found, Registration) else []
     planned = [*functions, _map(found, distortion, front_of[found.a])]

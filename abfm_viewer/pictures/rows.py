@@ -12,9 +12,10 @@ import numpy as np
 from PIL import Image
 
 from abfm import ResultError, TriangleMesh
-from abfm.io.sheets import Panel, Sheet, Up, Values
+from abfm.display import BEST_VIEW, ViewSpec
+from abfm.io.sheets import Panel, Sheet, Values
 from abfm.pages.colormaps import ColorRange, color_range
-from abfm.pages.front import Front, best_front, triple
+from abfm.pages.front import Front, front_of, triple
 from abfm.tasks.task import Preview, Task
 from abfm.types import FloatArray
 from abfm_viewer.pictures.panels import panel_pictures
@@ -88,7 +89,7 @@ def draw_rows(
 
 
 def row_pictures(
-    results: Sequence[tuple[Path, type[Task]]], up: Up | None = None
+    results: Sequence[tuple[Path, type[Task]]], view: ViewSpec = BEST_VIEW
 ) -> Iterator[tuple[Path, Image.Image | ResultError]]:
     """Yield the path of each result file, and its picture on white or the error of reading it.
 
@@ -109,7 +110,7 @@ def row_pictures(
                 read.append((path, Preview(meshes.setdefault(mesh.digest, mesh), functions)))
         for mesh in {one.mesh: None for _, one in read if one.mesh not in cameras}:
             ends = [f for _, one in read if one.mesh is mesh for f in one.functions[::2]]
-            front, aspect = best_front(mesh, *ends, up=up), PREVIEW_SIZE[0] / PREVIEW_SIZE[1]
+            front, aspect = front_of(mesh, *ends, view=view), PREVIEW_SIZE[0] / PREVIEW_SIZE[1]
             cameras[mesh] = fitted(mesh.vertices, front, aspect)
         ranges = {str(path): color_range(*one.functions[::2]) for path, one in read}
         every = [

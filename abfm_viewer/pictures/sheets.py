@@ -9,7 +9,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 import abfm
 from abfm import Match, TriangleMesh
-from abfm.io.sheets import Frame, Panel, Plot, Sheet, Up, Values
+from abfm.display import BEST_VIEW, ViewSpec
+from abfm.io.sheets import Frame, Panel, Plot, Sheet, Values
 from abfm.types import FloatArray
 from abfm.wording import share
 from abfm_viewer import pictures
@@ -140,7 +141,7 @@ def match_picture(
     times: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     channel: int = 0,
-    up: Up | None = None,
+    view: ViewSpec = BEST_VIEW,
 ) -> Image.Image:
     """Return a sheet of a match: the source, the source at times of the flow, and the target.
 
@@ -148,7 +149,7 @@ def match_picture(
     result. The source is advected to ``times`` (by default quarters of tau), and always to tau.
 
     ``size`` (width, height) in pixels is by default that of a wide sheet. ``channel`` is the index
-    of the shown pair of functions, ``up`` the axis that points upwards.
+    of the shown pair of functions, ``view`` the side from which the surface is shown.
     """
     tau = match.parameters.tau
     shown_times = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
@@ -164,7 +165,7 @@ def match_picture(
             panels.append(panel(values, f"t = {time:.4g}, {_verdict(match)}", "result"))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
-    return _one_row(Sheet(((*panels, panel(match.target, "target", "target")),), up), size)
+    return _one_row(Sheet(((*panels, panel(match.target, "target", "target")),), view), size)
 
 
 def _verdict(match: Match) -> str:
@@ -180,7 +181,7 @@ def sequence_picture(
     times: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     channel: int = 0,
-    up: Up | None = None,
+    view: ViewSpec = BEST_VIEW,
 ) -> Image.Image:
     """Return a sheet of a sequence: the function at several times, with arrows of the field.
 
@@ -196,7 +197,7 @@ def sequence_picture(
         label = f"t = {time:.4g} {sequence.unit_of_time}".rstrip()
         panels.append(Panel(sequence.mesh, Values(function), label, arrows=field, determined=share))
     changes = sequence.frames[:, :, channel].std(axis=0)
-    return _one_row(Sheet((tuple(panels),), up, view_functions=(changes,)), size)
+    return _one_row(Sheet((tuple(panels),), view, view_functions=(changes,)), size)
 
 
 SHEETS: Mapping[type, Callable[..., Image.Image]] = {

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
+from abfm.display import BEST_VIEW
 from abfm.pages.colormaps import place_colors
 from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import SIDES, Document, Point, Side, Viewpoint
+from abfm_viewer.document.document import SIDES, Document, InitialMap, Point, Side, Viewpoint
+from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, PlacedStructure, evenly_spread
@@ -32,6 +34,8 @@ from abfm_viewer.widgets.widget_record import Rect
 # Distance of the viewer, in radii of a surface; parts of it may be two radii in front of its slot.
 _VIEWER_DISTANCE = 4.0
 _RIM_POINTS = 32
+# cosine between the fronts of A from which a new map turns A, so that small changes do not
+_SAME_SIDE_COSINE = 0.7
 LANDMARK_RADIUS = 9.0  # radius of landmarks, in pixels at a scale of 1
 NO_VALUE = "no value"  # text for grey in the legend
 
@@ -74,6 +78,7 @@ class Scene:
         self._document: Document | None = None
         self._changed = False  # whether a change by the user is not yet drawn
         self._degrees = 0.0
+        self._seen_map: InitialMap | None = None  # by which A's front was chosen
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
@@ -82,8 +87,7 @@ class Scene:
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
-        fronts = [self._front(slot) for slot in ("advected", "source")]
-        has_fronts = all(front is not None for front in fronts)
+        has_fronts = self._has_fronts()
         # nothing is shown until the front is known, because the surfaces would then turn
         names = view.shown_surfaces if has_fronts else ()
         paints = {name: self.painter.paint(name) for name in names}
@@ -141,7 +145,7 @@ class Scene:
         """The current viewpoint; None while the front view of the surfaces is not yet chosen."""
         if viewpoint := self._session.view.viewpoint:
             return viewpoint
-        return Viewpoint(front) if (front := self._front("advected")) else None
+        return Viewpoint(front) if (front := self._session.surface().front) else None
 
     def turn(self, degrees: float) -> None:
         """Turn all surfaces about their upright axes; clicks are then located wrongly."""
@@ -290,21 +294,35 @@ class Scene:
         vertex = int(self._session.surface(name).mesh.faces[face][np.argmax(weights)])
         return Hit(name, Point(face, triple(weights)), vertex)
 
-    def _front(self, slot: str) -> Front | None:
-        """Return the front of a surface; None until the functions that determine it are known."""
-        session, surface = self._session, self._session.surface(slot)
-        if surface.front is not None:
-            return surface.front
-        sides = (side for side in SIDES if session.surface(side) is surface)
-        functions = [session.values(side) for side in sides]
-        known = [values for values in functions if values is not None]
-        if len(known) < len(functions):
-            if session.channels and not session.work.blocking_problem:
-                return None
-            known = []
-        front = session.document.front(slot, *known)
-        session.editor.amend(surfaces=session.document.facing(front, slot).surfaces)
-        return front
+    def _has_fronts(self) -> bool:
+        """Choose missing fronts; return False until the functions that determine them are known."""
+        session, document = self._session, self._session.document
+        if document.surface().front is None:
+            sides = (side for side in SIDES if session.surface(side) is document.surface())
+            functions = [session.values(side) for side in sides]
+            known = [values for values in functions if values is not None]
+            if len(known) < len(functions):
+                if session.channels and not session.work.blocking_problem:
+                    return False
+                known = []
+            session.editor.amend(surfaces=document.facing(BEST_VIEW, *known).surfaces)
+        if isinstance(document := session.document, PairDocument):
+            self._turn_to_corresponding_side(document)
+        return True
+
+    def _turn_to_corresponding_side(self, document: PairDocument) -> None:
+        """Show A from the side of B, by the latest map; small differences do not turn it."""
+        initial, work = document.initial_map, self._session.work
+        if initial is None and not work.busy and (prepared := work.prepared) is not None:
+            initial = prepared.initial
+        before = document.surfaces[0].front
+        if before is not None and (initial is None or initial is self._seen_map):
+            return
+        self._seen_map, turned = initial, document.with_corresponding_front(initial)
+        after = turned.surfaces[0].front
+        is_same = before and after and np.dot(before.direction, after.direction) > _SAME_SIDE_COSINE
+        if not is_same:
+            self._session.editor.amend(surfaces=turned.surfaces)
 
     def _register(self, meshes: dict[str, TriangleMesh]) -> None:
         if meshes == self._meshes and [*meshes] == [*self._meshes]:

@@ -9,6 +9,7 @@ from PIL.Image import Image
 import abfm
 from abfm.calculus import face_areas, gradient
 from abfm.calculus.operators import edge_lengths
+from abfm.display import ViewSpec
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.pictures import figure_picture
@@ -56,7 +57,7 @@ def picture(folder: Path) -> Image:
             field = np.where(sloped[:, None], found.velocity[interval], 0)
             row.append(patch.panel(found.frames[interval, :, 0], field, label))
         rows.append(tuple(row))
-    return figure_picture(Sheet(tuple(rows), up="z"))
+    return figure_picture(Sheet(tuple(rows), view=ViewSpec(up="z")))
 
 
 def _activity(kind: str, offsets: FloatArray) -> FloatArray:

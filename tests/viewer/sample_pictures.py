@@ -14,7 +14,7 @@ from PIL import Image
 
 from abfm import load_mesh
 from abfm.assets import asset_path
-from abfm.pages.front import best_front
+from abfm.pages.front import front_of
 from abfm.parameters import FIGURES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, CORTEX, MESHES, PICTURES, SIDE, TABLE, WAVE
@@ -58,7 +58,7 @@ def draw_all() -> None:
 
 def _mesh_document(name: str) -> tuple[MatchDocument, dict[str, FloatArray]]:
     mesh = load_mesh(asset_path(name))
-    surface = Surface(mesh, name, best_front(mesh))  # as it is opened
+    surface = Surface(mesh, name, front_of(mesh))  # as it is opened
     return MatchDocument((surface,), (Channel(*default_functions(mesh)),)), {}
 
 

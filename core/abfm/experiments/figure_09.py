@@ -10,6 +10,7 @@ from abfm import Match, MeshError, Parameters, Problem, TriangleMesh, function, 
 from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
+from abfm.display import ViewSpec
 from abfm.experiments import scripts
 from abfm.experiments.scripts import Example, FigureSetup, Findings, Measure, RequestedMatch, Script
 from abfm.flow import flow_lines
@@ -134,7 +135,9 @@ def figure_10(setup: FigureSetup) -> Script:
     measures = (*scene.measures_of(found), Measure(creases, share), *of_maps)
     rows = (function_row(found), scene.map_row(found))
     return Findings(
-        measures, Sheet(rows, "z", scene.view_functions(), notes=notes), scene.description()
+        measures,
+        Sheet(rows, ViewSpec(up="z"), scene.view_functions(), notes=notes),
+        scene.description(),
     )
 
 

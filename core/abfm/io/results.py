@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import ResultError, brief, one_line
+from abfm.errors import ResultError, brief, one_line, printable
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.mesh.draft import NO_COPIES, FileNumbers
@@ -114,7 +114,9 @@ MESH_ENTRIES = {
     # vertices of the mesh file that were merged, and the vertices that they were merged into
     "copies": Entry("integer", ("copied", 2), required=False, may_be_empty=True, low=0),
     "structure": Entry("text", (), required=False),
+    "file_name": Entry("text", (), required=False),  # of the mesh file, without its folder
 }
+MESH_NAMES = "structure", "file_name"  # entries that do not change any result
 _FUNCTION = Entry("real", ("V", "C"), low=-SIZE_MAX, high=SIZE_MAX)
 _FUNCTIONS = {"source": _FUNCTION, "target": _FUNCTION}
 _DATA = {
@@ -453,8 +455,9 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
     arrays = {name: getattr(mesh, name) for name in MESH_ENTRIES}
     if not len(mesh.copies):
         del arrays["copies"]
-    if mesh.structure is None:
-        del arrays["structure"]
+    for name in MESH_NAMES:
+        if text := arrays.pop(name):
+            arrays[name] = printable(text)
     return arrays
 
 
@@ -468,12 +471,13 @@ def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
             f"the mesh uses only {len(ids)} of the {count} vertices of its file; at most "
             f"{_DROPPED_VERTICES_MAX} vertices may be unused"
         )
-    structure = arrays.get(f"{prefix}structure")
+    structure, file_name = (arrays.get(f"{prefix}{name}") for name in MESH_NAMES)
     mesh = TriangleMesh(
         vertices,
         faces,
         numbers=FileNumbers(ids, count, copies),
         structure=None if structure is None else str(structure),
+        file_name="" if file_name is None else str(file_name),
     )
     if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
         raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
@@ -481,7 +485,7 @@ def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
 
 
 def _of_mesh(arrays: Arrays, prefix: str) -> list[NDArray[Any]]:
-    names = [name for name in MESH_ENTRIES if name != "structure"]
+    names = [name for name in MESH_ENTRIES if name not in MESH_NAMES]
     return [arrays.get(f"{prefix}{name}", NO_COPIES) for name in names]
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -84,7 +85,7 @@ class Plot:
 @dataclass(frozen=True, eq=False)
 class Sheet:
     rows: tuple[tuple[Panel | Plot, ...], ...]
-    up: Up | None = None
+    view: ViewSpec = BEST_VIEW
     # functions (V,) on the first mesh that the camera must show; by default those of the source and
     # target panels
     view_functions: tuple[FloatArray, ...] = ()

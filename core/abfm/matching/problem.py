@@ -334,7 +334,8 @@ class Problem:
         """Hash of the content in hexadecimal digits, the same in every process."""
         digest = hashlib.sha256(b"abfm problem, format 1\n")
         arrays = self.arrays()
-        arrays.pop("structure", None)  # depends on the name or metadata of the mesh file
+        for name in results.MESH_NAMES:  # the name and metadata of the mesh file
+            arrays.pop(name, None)
         for piece in results.pieces(arrays):
             digest.update(piece)
         for term in self.terms[1:]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import AbfmError, ParameterError, brief, one_line, printable
 from abfm.maps import project_onto_surface
 from abfm.matching import Match
@@ -18,7 +19,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.outcome import Facts
 from abfm.pages.colormaps import color_range
-from abfm.pages.front import best_front
+from abfm.pages.front import front_of
 from abfm.pages.html import environment
 from abfm.pages.page import Layer, Page, Panel
 from abfm.pages.result_pages import (
@@ -44,7 +45,9 @@ _HEIGHT = 440  # height in pixels
 _COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
 
 
-def page_of(shown_object: Any, title: str = "", up: str | None = None, share: float = 1.0) -> Page:
+def page_of(
+    shown_object: Any, title: str = "", view: ViewSpec = BEST_VIEW, share: float = 1.0
+) -> Page:
     """Return the page of a mesh or a result.
 
     Parameters
@@ -52,34 +55,31 @@ def page_of(shown_object: Any, title: str = "", up: str | None = None, share: fl
     shown_object : TriangleMesh or result
     title : str
         Title of the page; by default the name of the type.
-    up : str, optional
-        Axis that points upwards, "x", "y" or "z".
+    view : ViewSpec
     share : float
         Fraction of the maximum number of values, arrows and lines, up to 1.
     """
-    if up not in (None, "x", "y", "z"):
-        raise ParameterError(f"up is {brief(up)}; expected x, y or z")
     title = title or _kind(shown_object)
     if isinstance(shown_object, Match):
-        return match_page(shown_object, title, up, share)
+        return match_page(shown_object, title, view, share)
     if isinstance(shown_object, Registration):
-        return registration_page(shown_object, title, up, share)
+        return registration_page(shown_object, title, view, share)
     if isinstance(shown_object, Correspondence):
-        return correspondence_page(shown_object, title, up)
+        return correspondence_page(shown_object, title, view)
     if isinstance(shown_object, Population):
-        return population_page(shown_object, title, up)
+        return population_page(shown_object, title, view)
     if isinstance(shown_object, Sequence):
-        labels = Labels(unit_of_time=shown_object.unit_of_time, up=up, share=share)
+        labels = Labels(unit_of_time=shown_object.unit_of_time, view=view, share=share)
         return sequence_page(shown_object, title, labels)
     if isinstance(shown_object, TriangleMesh):
-        return mesh_page(shown_object, title, up)
+        return mesh_page(shown_object, title, view)
     raise ParameterError(f"no page can show {brief(shown_object)}; expected a mesh or a result")
 
 
-def mesh_page(mesh: TriangleMesh, title: str, up: str | None = None) -> Page:
+def mesh_page(mesh: TriangleMesh, title: str, view: ViewSpec = BEST_VIEW) -> Page:
     """Return the page of a mesh, with notes on repairs and warnings."""
     plain = np.full(len(mesh.vertices), np.nan)
-    panel = Panel("", mesh, [Layer("", plain, color_range(plain))], best_front(mesh, up=up))
+    panel = Panel("", mesh, [Layer("", plain, color_range(plain))], front_of(mesh, view=view))
     boundary = "closed" if mesh.is_closed else counted(len(mesh.boundary_loops), "boundary loop")
     headline = f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces, {boundary}"
     return Page(title, headline, [panel], facts={"genus": str(mesh.genus)}, notes=mesh.messages)
@@ -136,11 +136,11 @@ def embedded(shown_object: Any) -> str:
     return _about(f"{page.title}: {page.headline}", page.tone, notes, page.title, frame)
 
 
-def show(shown_object: Any, path: str | os.PathLike[str] | None, up: str | None) -> Path:
+def show(shown_object: Any, path: str | os.PathLike[str] | None, view: ViewSpec) -> Path:
     """Write the page of an object and open it in a browser; see `abfm.display.Display.show`."""
     name = _kind(shown_object)
     file = Path(path or Path(tempfile.mkdtemp(prefix="abfm-"), f"{name}.html")).absolute()
-    page_of(shown_object, printable(file.stem), up).write(file)
+    page_of(shown_object, printable(file.stem), view).write(file)
     try:
         is_open = webbrowser.open(file.as_uri())
     except webbrowser.Error:

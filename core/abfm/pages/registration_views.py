@@ -1,32 +1,57 @@
 """Views and colours of two corresponding surfaces."""
 
+import math
+
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.matching import Match
 from abfm.pages.colormaps import ColorRange, typical_range
-from abfm.pages.front import Front, best_front, triple
+from abfm.pages.front import Front, front_of, triple, upward_axis
+from abfm.reading import side_of
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
 
 CHANNELS_MAX = 4  # maximum number of pairs of functions that are shown
+_UPRIGHT_COSINE = 0.95  # of the angle by which A may lean and still be shown upright
 
 
-def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
-    """Return the fronts from which A and B are shown.
+def fronts(found: Correspondence, view: ViewSpec = BEST_VIEW) -> tuple[Front, Front]:
+    """Return the fronts from which A and B are shown; ``view`` is that of B.
 
-    B is shown from its best side, or a cortex from its lateral side. A is shown from the side of B,
-    rotated like the points of B by the map. ``up`` is the axis that points upwards.
+    The best view shows the target and the source on B. A is shown from the corresponding side: see
+    `corresponding_front`.
     """
-    target = []
+    functions = []
     if isinstance(found, Registration) and not found.match.problem.is_of_landmarks:
-        target = [found.match.target[:, 0]]
-    of_b = best_front(found.b, *target, up=up)
-    if found.a.structure and up in (None, "z"):
-        return best_front(found.a, up=up), of_b
-    rotation = _rotation(found)
-    of_a = Front(*(triple(rotation @ np.array(one)) for one in (of_b.direction, of_b.up)))
-    return of_a, of_b
+        functions = [found.match.source[:, 0], found.match.target[:, 0]]
+    of_b = front_of(found.b, *functions, view=view)
+    return corresponding_front(found, of_b, view), of_b
+
+
+def corresponding_front(found: Correspondence, of_b: Front, view: ViewSpec = BEST_VIEW) -> Front:
+    """Return the front of A that shows the same parts as a front of B, by the map.
+
+    The front of B is rotated like its points by the map. If A then is nearly upright, it is shown
+    exactly upright, at the elevation of B. Cortices are shown from the same anatomical side.
+    """
+    sides = [side_of(mesh.structure) for mesh in (found.a, found.b)]
+    if all(sides):
+        rotation = np.diag([1.0 if sides[0] == sides[1] else -1.0, 1.0, 1.0])
+    else:
+        rotation = _rotation(found)
+    _, up, direction = of_b.axes @ rotation.T
+    own, of_target = (upward_axis(mesh, view.up) for mesh in (found.a, found.b))
+    height = float(of_target @ of_b.direction)
+    flat = direction - (direction @ own) * own
+    is_upright = own @ rotation @ of_target > _UPRIGHT_COSINE and np.linalg.norm(flat) > 0.1
+    if not is_upright:
+        return Front(triple(direction), triple(up))
+    flat *= math.sqrt(1 - height**2) / np.linalg.norm(flat)
+    direction = flat + height * own
+    up = own - height * direction
+    return Front(triple(direction), triple(up / np.linalg.norm(up)))
 
 
 def _rotation(found: Correspondence) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import AbfmError, one_line
 from abfm.flow import flow_lines
 from abfm.maps import SurfacePoints, spread_points
@@ -14,7 +15,7 @@ from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
 from abfm.pages.colormaps import ColorRange, color_range, typical_range, without_extremes
-from abfm.pages.front import best_front
+from abfm.pages.front import front_of
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Paths
 from abfm.pages.registration_views import (
     CHANNELS_MAX,
@@ -43,20 +44,19 @@ _ALL_TIMES = (-1e30, 1e30)
 _NAME_LENGTH_MAX = 60  # characters of the name of a channel
 
 
-def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
+def match_page(match: Match, title: str, view: ViewSpec = BEST_VIEW, share: float = 1.0) -> Page:
     """Return the page of a match: source, advected source, and target.
 
     Parameters
     ----------
     match : Match
     title : str
-    up : str, optional
-        Axis that points upwards; the default is that of `best_front`.
+    view : ViewSpec
     share : float
         Fraction of the maximum number of values and lines, up to 1.
     """
     functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
-    front = best_front(match.mesh, *functions, up=up)
+    front = front_of(match.mesh, *functions, view=view)
     shown = _functions(match)
     moving = _moving(match, shown, share)
     fixed = [(match.source, "source", 0), (match.target, "target", 1)]
@@ -78,7 +78,7 @@ def match_page(match: Match, title: str, up: str | None = None, share: float = 1
 
 
 def registration_page(
-    found: Registration, title: str, up: str | None = None, share: float = 1.0
+    found: Registration, title: str, view: ViewSpec = BEST_VIEW, share: float = 1.0
 ) -> Page:
     """Return the page of a registration: A, its advected function on B, and B.
 
@@ -86,15 +86,15 @@ def registration_page(
     ----------
     found : Registration
     title : str
-    up : str, optional
-        Axis of both surfaces that points upwards.
+    view : ViewSpec
+        Of surface B; A is shown from the corresponding side.
     share : float
         Fraction of the maximum number of values and lines, up to 1.
     """
     match = found.match
     if found.a is found.b:
-        return match_page(match, title, up, share)
-    of_a, of_b = fronts(found, up)
+        return match_page(match, title, view, share)
+    of_a, of_b = fronts(found, view)
     shown = _functions(match, found.a)
     of_landmarks = match.problem.is_of_landmarks
     on_a = found.a.vertices if of_landmarks else functions_on_a(found)
@@ -115,7 +115,7 @@ def registration_page(
     return replace(page, facts=facts, notes=[*page.notes, *found.notes])
 
 
-def correspondence_page(found: Correspondence, title: str, up: str | None = None) -> Page:
+def correspondence_page(found: Correspondence, title: str, view: ViewSpec = BEST_VIEW) -> Page:
     """Return the page of a map: A with its coordinates, and B with the transferred coordinates."""
     coordinates, transferred = found.a.vertices, found.transfer(found.a.vertices)
     colors = [color_range(values) for values in coordinates.T]
@@ -123,7 +123,7 @@ def correspondence_page(found: Correspondence, title: str, up: str | None = None
         ("A", "A on B"),
         (found.a, found.b),
         (coordinates, transferred),
-        fronts(found, up),
+        fronts(found, view),
         strict=True,
     )
     panels = [
@@ -155,12 +155,9 @@ def correspondence_headline(found: Correspondence) -> str:
     return f"surface A, {_size_text(found.a)}, and surface B, {_size_text(found.b)}"
 
 
-def population_page(found: Population, title: str, up: str | None = None) -> Page:
-    """Return the page of a population: initial mean, registered mean, standard deviation.
-
-    ``up`` is the axis of the template that points upwards.
-    """
-    front = best_front(found.template, up=up)
+def population_page(found: Population, title: str, view: ViewSpec = BEST_VIEW) -> Page:
+    """Return the page of a population: initial mean, registered mean, standard deviation."""
+    front = front_of(found.template, view=view)
     titles = "initial mean", "registered mean", "standard deviation"
     layers = list(
         zip(

@@ -12,10 +12,11 @@ import numpy as np
 from abfm import sequences
 from abfm.calculus import face_normals
 from abfm.calculus.operators import vertex_areas
+from abfm.display import BEST_VIEW, ViewSpec
 from abfm.flow import flow_lines, straightest_geodesics, vectors_at
 from abfm.maps import SurfacePoints, spread_points
 from abfm.pages.colormaps import ColorRange, color_range
-from abfm.pages.front import best_front, changes_in_time
+from abfm.pages.front import changes_in_time, front_of
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Paths, Span
 from abfm.pages.registration_views import CHANNELS_MAX
 from abfm.pages.sequence_motion import CRITICAL_COLORS, OPACITY_MIN, fast_speed_of, track_paths
@@ -54,8 +55,8 @@ class Labels:
         Names of the channels.
     unit, unit_of_time : str
         Unit of values and of times.
-    up : str, optional
-        Axis that points upwards.
+    view : ViewSpec
+        Side from which the surface is shown.
     share : float
         Fraction of the maximum number of values and arrows, up to 1.
     """
@@ -63,7 +64,7 @@ class Labels:
     names: Sequence[str] = ()
     unit: str = ""
     unit_of_time: str = ""
-    up: str | None = None
+    view: ViewSpec = BEST_VIEW
     share: float = 1.0
 
 
@@ -80,7 +81,7 @@ def sequence_page(
     labels = labels or Labels()
     mesh, facts, times = sequence.mesh, sequence.facts, sequence.times.tolist()
     layers, notes = frame_layers(sequence, labels)
-    front = best_front(mesh, up=labels.up, changes=changes_in_time(layers[0].values[:, :, None]))
+    front = front_of(mesh, view=labels.view, changes=changes_in_time(layers[0].values[:, :, None]))
     unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
     layers += [
         _layer(name, values, sequence.middles, unit, labels.share)

@@ -10,6 +10,7 @@ import numpy as np
 from nilearn.datasets import load_fsaverage, load_fsaverage_data
 
 import abfm
+from abfm.display import ViewSpec
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm_viewer.pictures import figure_picture
 
@@ -72,4 +73,4 @@ drawn = {
     "right": depth["right"],
 }
 panels = [Panel(inflated, Values(each, "sulcal depth"), label) for label, each in drawn.items()]
-figure_picture(Sheet((tuple(panels),), up="z"))
+figure_picture(Sheet((tuple(panels),), view=ViewSpec(up="z")))

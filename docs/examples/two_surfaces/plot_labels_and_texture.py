@@ -14,6 +14,7 @@ from PIL import Image
 
 import abfm
 from abfm.assets import asset_path
+from abfm.display import ViewSpec
 from abfm.io.sheets import Checker, Panel, Sheet, Values
 from abfm.registration import Texture, transfer_texture
 from abfm_viewer.pictures import figure_picture, write_texture
@@ -87,7 +88,7 @@ figure_picture(
                 Panel(b, Checker(8 * registration.transfer(coordinates)), "transferred to B"),
             ),
         ),
-        up="y",
+        view=ViewSpec(up="y"),
     )
 )
 

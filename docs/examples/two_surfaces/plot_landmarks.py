@@ -10,6 +10,7 @@ import numpy as np
 
 import abfm
 from abfm.assets import asset_path
+from abfm.display import ViewSpec
 from abfm.io.sheets import Checker, Panel, Sheet
 from abfm.maps import SurfacePoints, vertex_points
 from abfm_viewer.pictures import figure_picture
@@ -72,4 +73,4 @@ panels = [Panel(a, Checker(board), "A", points=landmarks[0].positions)]
 for label, shown in (("initial map", by_both.initial), ("registered", by_both)):
     paint = Checker(shown.transfer(board))
     panels.append(Panel(b, paint, label, points=landmarks[1].positions))
-figure_picture(Sheet((tuple(panels),), up="y"))
+figure_picture(Sheet((tuple(panels),), view=ViewSpec(up="y")))

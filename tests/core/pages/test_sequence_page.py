@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm.display import ViewSpec
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm.pages import Labels, Page, Panel, best_front, sequence_page
+from abfm.pages import Labels, Page, Panel, front_of, sequence_page
 from abfm.pages.sequence_motion import OPACITY_MIN, fast_speed_of
 from abfm.pages.sequence_pages import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN, clock_of, frame_layers
 from tests.messages import check_message
@@ -31,7 +32,7 @@ def sequence():
 
 @pytest.fixture(scope="module")
 def page(sequence):
-    return sequence_page(sequence, "a bump", Labels(["potential"], "mV", "s", "z"))
+    return sequence_page(sequence, "a bump", Labels(["potential"], "mV", "s", ViewSpec(up="z")))
 
 
 def test_colors_are_frames_and_interpolated_frames(sequence, page):
@@ -177,7 +178,7 @@ def test_missing_values_do_not_change_colors():
     )
     assert layer.colors == complete.colors
     assert np.isnan(layer.values).any()
-    page = Page("t", "h", [Panel("", FramePair.mesh, [layer], best_front(FramePair.mesh))])
+    page = Page("t", "h", [Panel("", FramePair.mesh, [layer], front_of(FramePair.mesh))])
     assert "NaN" not in page.html().split('id="page"')[1].split("</script>")[0]
     assert nothing.colors.low < nothing.colors.high
 

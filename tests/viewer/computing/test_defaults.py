@@ -9,7 +9,7 @@ from abfm.calculus import geodesic_distance, vertex_areas
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
 from abfm.outcome import Outcome
-from abfm.pages.front import best_front, changes_in_time
+from abfm.pages.front import changes_in_time, front_of
 from abfm_viewer.computing.defaults import WIDTH, default_functions
 from abfm_viewer.document.gaussians import landmark
 from tests.shapes import disc, ellipsoid, icosphere, square, torus
@@ -46,7 +46,7 @@ def test_default_gaussians_face_the_viewer(mesh):
     assert 0.3 < distance / width(mesh) < 0.8
     normals = vertex_normals(mesh)
     assert normals[source] @ normals[target] > 0
-    facing = normals @ best_front(mesh).direction
+    facing = normals @ front_of(mesh).direction
     assert min(facing[[source, target]]) > 0.25
     for spec in specs(mesh):
         covered = vertex_areas(mesh) * function(mesh, spec)
@@ -111,10 +111,10 @@ def test_front_of_a_sequence_shows_its_changes():
     x, _, z = mesh.vertices.T
     times = np.arange(4.0)[:, None]
     large_in_front = 5.0 * (z > 0.5) + np.sin(times) * np.maximum(-x, 0) ** 4
-    assert best_front(mesh, changes=changes_in_time(large_in_front[..., None])).direction[0] < -0.7
+    assert front_of(mesh, changes=changes_in_time(large_in_front[..., None])).direction[0] < -0.7
     all_but_the_front = np.sin(times) * (z < 0.3)
-    assert best_front(mesh, changes=changes_in_time(all_but_the_front[..., None])).direction[2] < 0
+    assert front_of(mesh, changes=changes_in_time(all_but_the_front[..., None])).direction[2] < 0
     still = np.broadcast_to(z, (4, len(z)))[..., None]
-    assert best_front(mesh, changes=changes_in_time(still)) == best_front(mesh)
+    assert front_of(mesh, changes=changes_in_time(still)) == front_of(mesh)
     both = np.stack([large_in_front, np.full_like(large_in_front, np.nan)], axis=2)
     np.testing.assert_array_equal(changes_in_time(both), changes_in_time(large_in_front[..., None]))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from PIL import ImageFont
 
 import abfm
+from abfm.display import ViewSpec
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.matching import StopReason
 from abfm.outcome import Outcome
@@ -106,7 +107,7 @@ def test_sheet_of_a_match_changes_with_its_options(match):
     assert {WHITE, BLUE, BLACK, RED} <= colors(usual)
     assert len(colors(usual)) > 1000
     assert (usual == 255).all(axis=2).mean() > 0.15
-    for options in ({"times": [0.5, 3.5]}, {"channel": 1}, {"up": "x"}):
+    for options in ({"times": [0.5, 3.5]}, {"channel": 1}, {"view": ViewSpec(up="x")}):
         assert (np.asarray(match_picture(match, size=size, **options)) != usual).any()
 
 

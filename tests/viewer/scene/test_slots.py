@@ -300,7 +300,7 @@ SMALLER = 8  # smaller pictures, because the time of drawing depends on the pixe
 def scene():
     opengl.start(opengl.OFFSCREEN_BACKEND, 64, 64)
     session = Session(load_mesh(asset_path("human_A.off")), "body", at_once=True)
-    session.editor.amend(surfaces=session.document.facing(FRONT).surfaces)
+    session.editor.amend(surfaces=(replace(session.surface(), front=FRONT),))
     shown = Shown(session)
     yield Scene(shown)
     opengl.clear()

@@ -7,11 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
-from abfm import Correspondence, TriangleMesh, load_mesh
+from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
-from abfm.maps import PointMap
-from abfm.pages.front import Front, best_front
-from abfm.pages.registration_views import fronts
+from abfm.pages.front import Front
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
@@ -19,7 +17,7 @@ from abfm_viewer.files.project import save_project
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.sheets import match_picture
 from abfm_viewer.scene.surfaces import Viewport, back_faces, drawn_mesh, edge_width, fitted
-from tests.shapes import disc, ellipsoid, icosphere, open_cylinder, torus
+from tests.shapes import disc, ellipsoid, icosphere, open_cylinder
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 CHANNEL = Channel("gaussian:vertex=5,width=0.15", "gaussian:vertex=60,width=0.15")
@@ -165,64 +163,6 @@ def test_half_sharp_edges_of_planes_are_creases(degrees):
     split = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
     expected = np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else []
     np.testing.assert_array_equal(split, expected)
-
-
-def bump(mesh, place):
-    """Return a function that is 1 at a place and decreases quickly away from it."""
-    return np.exp(-20 * ((mesh.vertices - place) ** 2).sum(axis=1))
-
-
-def test_front_shows_both_functions():
-    sphere = icosphere(3)
-    inside_out = TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])
-    for places in ([[1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, 0, -1]], [[0, 0, 1], [0, 0, 1]]):
-        functions = [bump(sphere, place) for place in places]
-        front = best_front(sphere, *functions)
-        assert min(np.array(places) @ front.direction) > 0.5
-        assert best_front(inside_out, *functions) == front
-
-
-def test_front_without_functions_is_the_broad_side():
-    assert abs(best_front(ellipsoid(3, 2, 1, 0.3)).direction[2]) > 0.95
-    body = load_mesh(asset_path("human_A.off"))
-    front = best_front(body)
-    assert front.direction[2] > 0.9
-    for turned in np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]):
-        faces = body.faces if np.linalg.det(turned) > 0 else body.faces[:, ::-1]
-        assert best_front(TriangleMesh(1e3 * body.vertices @ turned, faces)).direction[2] > 0.9
-    shuffled = body.faces[np.random.default_rng(0).permutation(len(body.faces))]
-    assert best_front(TriangleMesh(1e3 * body.vertices, shuffled)) == front
-
-
-def test_flat_surface_is_seen_from_above():
-    standing = torus(24, 12, r=0.2)
-    lying = TriangleMesh(standing.vertices[:, [0, 2, 1]], standing.faces[:, [0, 2, 1]])
-    functions = [lying.vertices[:, 0], lying.vertices[:, 2]]
-    assert best_front(lying, *functions).direction[1] > 0.8
-    assert abs(best_front(standing, *functions).direction[1]) < 0.5
-
-
-@pytest.mark.parametrize("up", ["x", "y", "z"])
-def test_front_keeps_the_given_up_axis(up):
-    mesh = ellipsoid(2, 1, 1.2, 0.8)
-    front = best_front(mesh, bump(mesh, [0, 0, 0.8]), up=up)
-    assert front.up["xyz".index(up)] > 0.85
-    assert np.dot(front.up, front.direction) == pytest.approx(0, abs=1e-12)
-    assert np.linalg.norm([front.up, front.direction], axis=1) == pytest.approx(1)
-
-
-@pytest.mark.parametrize(("structure", "side"), [("CortexLeft", -1), ("CortexRight", 1)])
-def test_cortex_front_is_that_of_workbench(structure, side):
-    """The lateral side is the front, with z upwards, unless another axis is given."""
-    body = ellipsoid(2, 1, 1.2, 0.8)
-    mesh = TriangleMesh(body.vertices, body.faces, structure=structure)
-    f = bump(mesh, [0, 0, 0.8])
-    for up in (None, "z"):
-        assert best_front(mesh, f, up=up) == Front((side, 0, 0), (0, 0, 1))
-    for up in "xy":
-        assert best_front(mesh, f, up=up) == best_front(body, f, up=up)
-    same = Correspondence(PointMap.of_vertices(mesh, mesh))
-    assert fronts(same)[0] == fronts(same)[1] == best_front(mesh)
 
 
 @pytest.mark.parametrize("aspect", [None, 0.4, 3.0])
