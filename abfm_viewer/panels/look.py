@@ -102,13 +102,22 @@ def draw_field(context: Context) -> None:
         tip = "Density of arrows on the screen. A surface that is drawn larger has more arrows."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("change the density of arrows", "density", arrow_density=density)
-    _switch(context, "streaks", "streaks", "toggle streaks", _STREAKS)
-    with ui.disabled(not view.streaks):
+    obstacle = _streaks_obstacle(context)
+    with ui.disabled(obstacle != ""):
+        _switch(context, "streaks", "streaks", "toggle streaks", f"{_STREAKS} {obstacle}".strip())
+    with ui.disabled(not view.streaks or obstacle != ""):
         ui.same_line_if_fits("fade with speed")
         _switch(context, "fade with speed", "fade", "toggle fading", _FADE)
         ui.same_line_if_fits("animate")
         tip = "Move the streaks along the field, here and in movies."
         _switch(context, "animate", "animate", "toggle animation", tip)
+
+
+def _streaks_obstacle(context: Context) -> str:
+    """Return the reason why streaks cannot be drawn now; empty if there is none."""
+    if context.session.view.coloring in TRANSFERRED_COLORINGS:
+        return "They are not drawn over coordinates, a checkerboard or labels."
+    return "They are drawn after the match." if context.session.matching.running else ""
 
 
 def draw_tracks(context: Context) -> None:

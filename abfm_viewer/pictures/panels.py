@@ -19,6 +19,7 @@ from abfm_viewer.pictures.canvas import canvas, rendered
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, register, set_camera, show
 from abfm_viewer.shown.arrows import ArrowStyle, arrow_spacing, arrows_of
+from abfm_viewer.shown.colored_values import ColoredValues
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.ribbons import unit
@@ -148,7 +149,9 @@ def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:
     if isinstance(paint, Checker):
         return Paint("checker", paint.coordinates, label)
     atlas, image = line_integral_convolution(mesh, paint.velocity, size=_TEXELS)
-    colors = streak_texture(atlas, image, paint.values, ranges.get(paint.bar))
+    found = ranges.get(paint.bar)
+    values = None if paint.values is None or found is None else ColoredValues(paint.values, found)
+    colors = streak_texture(atlas, image, values)
     return Paint("texture", colors, label, corners=atlas.corner_coordinates)
 
 

@@ -178,7 +178,8 @@ class Scene:
         of_source = source.fit.view(self.view.slots, viewpoint.front, viewpoint.zoom, drawn)
         view = of_source.transferred(source.front, common.fit, common.front)
         front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
-        return Viewpoint(front, view.zoom, triple(self._viewport.undrawn(view.target)))
+        moved = None if target is None else triple(self._viewport.undrawn(view.target))
+        return Viewpoint(front, view.zoom, moved)
 
     def links(self) -> list[Link]:
         """Return the visible lines from points of A to their images on B at the shown time."""

@@ -110,7 +110,7 @@ class SlotView:
     slots: Slots
     rotation: FloatArray  # (3, 3): its rows point right, up, and towards the viewer
     target: FloatArray  # (3,): the point in the middle of the slots
-    centre: FloatArray  # (3,): the initial ``target``, before the user moves the surfaces
+    centre: FloatArray  # (3,): the target that shows the surface in the middle of its slot
     upright: FloatArray  # (3,): the axis that points up in the front view
     zoom: float
     scale: float  # pixels per unit length
@@ -261,7 +261,7 @@ def _orthonormal(rotation: FloatArray) -> FloatArray:
 
 
 class Fit:
-    """The extent of points (P, 3) of a surface, which gives the scale at which it fits a slot."""
+    """The extent of points (P, 3) of a surface, which gives its scale and middle in a slot."""
 
     def __init__(self, points: FloatArray, front: Front) -> None:
         axes = front.axes
@@ -271,19 +271,19 @@ class Fit:
         self._upright = axes[1]
         self._around = points - self._centre
         self._radius = float(np.linalg.norm(self._around, axis=1).max())
-        self._last: tuple[Front, FloatArray, tuple[float, float], float] | None = None
+        self._last: tuple[Front, FloatArray, FloatArray, tuple[float, float]] | None = None
 
     def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
         """Return the view of the surface from a front, with ``target`` (3,) in the middle."""
         if self._last is None or self._last[0] != front:  # most frames have the same front
             axes = front.axes
-            across, upwards = (self._around @ axes[:2].T).T
-            size = 2 * float(np.abs(across).max()), 2 * float(np.abs(upwards).max())
-            self._last = front, axes, size, float(upwards.max())
-        _, axes, size, above = self._last
+            seen = self._around @ axes[:2].T
+            low, high = seen.min(axis=0), seen.max(axis=0)
+            width, height = (high - low).tolist()
+            self._last = front, axes, self._centre + (low + high) / 2 @ axes[:2], (width, height)
+        _, axes, centre, size = self._last
         half = next(iter(slots.values())).half
         scale = zoom * min(fitting(half, self.shape), fitting(half, size))
-        centre = self._centre
         target = centre if target is None else target
-        sizes = zoom, scale, self._radius, above
+        sizes = zoom, scale, self._radius, size[1] / 2
         return SlotView(slots, axes, target, centre, self._upright, *sizes)

@@ -5,7 +5,7 @@ drawn here.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -25,6 +25,7 @@ from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, TRANSFERRED_COLORINGS, Side, Theme
+from abfm_viewer.shown.colored_values import ColoredValues
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
@@ -91,7 +92,8 @@ class Painter:
             return self._transport(colors)
         if name == "error":
             return self._error(target, advected)
-        return self._by_coloring(advected, colors) or self._advected(advected, colors)
+        plain = self._by_coloring() or self._advected(advected, colors)
+        return (self._streaked(plain) if session.view.streaks else None) or plain
 
     def _before_the_map(self, name: str) -> Paint | None:
         """Return the paint of a surface before the initial map between surfaces A and B is known.
@@ -164,7 +166,9 @@ class Painter:
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Return the paint of a function on a match's finer mesh; None if that is not shown."""
         flow, is_side = self._shown.flow, name in SIDES
-        is_function = is_side or (name == "advected" and self._session.view.coloring == "function")
+        view = self._session.view  # streaks are on the mesh of the field
+        is_advected = name == "advected" and view.coloring == "function" and not view.streaks
+        is_function = is_side or is_advected
         found = flow.on_finer_mesh(name) if is_function else None
         if found is None:
             return None
@@ -192,10 +196,11 @@ class Painter:
 
         return self._memos["advected"].get((advected, title, colors, unknown), make)
 
-    def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
+    def _by_coloring(self) -> Paint | None:
+        """Return the paint by the view's coloring; None for the function and unknown values."""
         kind = self._session.view.coloring
         if kind == "function":
-            return self._textured(advected, colors) if self._session.view.streaks else None
+            return None
         if kind in TRANSFERRED_COLORINGS:
             origins = self._shown.flow.coordinates()
             title = self._extrapolated(self._session.document.transferred_title(kind))
@@ -276,19 +281,18 @@ class Painter:
         inputs = values, labels, title
         return get(inputs, lambda: Paint("colors", labels.linear_colors(values), title))
 
-    def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        unknown = self._unknown("advected source")
-        texture = self._shown.quantities.texture(advected, colors, unknown)
+    def _streaked(self, plain: Paint) -> Paint | None:
+        """Return a paint of values with streaks along the field; None before they are known."""
+        if plain.colors is None:
+            return None
+        is_of_faces = plain.kind == "face values"
+        of = ColoredValues(plain.values, plain.colors, plain.unknown, is_of_faces)
+        texture = self._shown.quantities.texture(of)
         if texture is None:
             return None
-        title = self._extrapolated(self._session.document.slot_title("advected"))
-
-        def make() -> Paint:
-            full_title, atlas = _with_range(title, advected, colors), texture.streaks.atlas
-            coloring = (colors, self._bar, atlas.corner_coordinates)
-            return Paint("texture", texture.colors, full_title, *coloring, unknown=unknown)
-
-        return self._memos["advected"].get((texture, title, colors), make)
+        corners = texture.streaks.atlas.corner_coordinates
+        make = partial(replace, plain, kind="texture", values=texture.colors, corners=corners)
+        return self._memos["streaks"].get((texture, plain.title, plain.colors, plain.bar), make)
 
     def _compared(self, colors: ColorRange) -> Paint | None:
         """Return the paint that compares a subject with the other subjects of its population.

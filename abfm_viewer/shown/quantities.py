@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 import abfm
 from abfm import AbfmError
 from abfm.mesh import TriangleMesh
-from abfm.pages.colormaps import ColorRange
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
 from abfm_viewer.computing.background import Jobs, Latest
@@ -20,6 +19,7 @@ from abfm_viewer.document.document import HODGE_PARTS, SIDES, Coloring, FieldPar
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.arrows import Arrows, ArrowStyle, arrow_spacing, arrows_of
+from abfm_viewer.shown.colored_values import ColoredValues
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.shown_flow import ShownFlow
@@ -159,7 +159,7 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Colours (size, size, 3), in linear light, of streaks coloured by a function."""
+    """Colours (size, size, 3), in linear light, of streaks coloured by values."""
 
     streaks: Streaks
     colors: abfm.streaks.FloatImage
@@ -182,16 +182,8 @@ def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     return Streaks(field, atlas, np.stack(rounded), (fade, moving))
 
 
-def colored(
-    streaks: Streaks,
-    phase: float,
-    values: FloatArray,
-    colors: ColorRange,
-    unknown: BoolArray | None,
-) -> Texture:
-    """Return streaks coloured by a function (V,); grey where the mask ``unknown`` (V,) is true."""
-    image = streaks.at(phase)
-    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors, unknown))
+def colored(streaks: Streaks, phase: float, values: ColoredValues) -> Texture:
+    return Texture(streaks, shown.streak_texture(streaks.atlas, streaks.at(phase), values))
 
 
 class FieldQuantities(Jobs):
@@ -304,10 +296,8 @@ class FieldQuantities(Jobs):
             return quality.distortion if quality else None
         return self._chords.newest(flow.mesh, abfm.maps.chord_distortion, flow.mesh, places)
 
-    def texture(
-        self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
-    ) -> Texture | None:
-        """Return streaks coloured by a function (V,), grey where ``unknown``; None until known."""
+    def texture(self, values: ColoredValues) -> Texture | None:
+        """Return streaks coloured by values; None until they are known."""
         field, view = self.field(), self._session.view
         if field is None or self._session.matching.running:
             return None
@@ -317,7 +307,7 @@ class FieldQuantities(Jobs):
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(subject, colored, streaks, phase, values, colors, unknown)
+        return self._texture.newest(subject, colored, streaks, phase, values)
 
     def _streaks_of(self, field: Field, fade: bool, moving: bool) -> tuple[object, Streaks | None]:
         """Return a key, and the streaks along a field or None.

@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.numerics.kernels import kernel
-from abfm.pages.colormaps import NO_VALUES, ColorRange, linear_table
+from abfm.pages.colormaps import NO_VALUES, linear_table
 from abfm.streaks.line_integral import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
-from abfm.types import BoolArray, FloatArray, IndexArray
+from abfm.types import FloatArray, IndexArray
+from abfm_viewer.shown.colored_values import ColoredValues
 
 SHADE = 0.72  # share by which the darkest streak darkens a colour, in linear light
 # grey levels of streaks that are not coloured by a function, in linear light
@@ -19,26 +20,29 @@ _COLORS = 1024
 def streak_texture(
     atlas: TextureAtlas,
     image: NDArray[np.float32] | NDArray[np.uint8],
-    values: FloatArray | None = None,
-    colors: ColorRange | None = None,
-    unknown: BoolArray | None = None,
+    colored: ColoredValues | None = None,
 ) -> FloatImage:
     """Return colours (size, size, 3), in linear light, of a texture ``image`` of streaks.
 
     The image (size, size) is from 0 to 1, or has integers from 0 to 255. Streaks darken the colours
-    of a function (V,). They are grey without a function, and in faces with a vertex where the mask
-    ``unknown`` (V,) is true.
+    of values. They are grey without values, and in faces where the values, or those of a vertex,
+    are unknown.
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
-    if values is None or colors is None:
+    if colored is None:
         table, affine = np.full((1, 3), _BRIGHT_LEVEL), np.zeros((len(atlas.mesh.faces), 3))
         shade = 1 - _DARK_LEVEL / _BRIGHT_LEVEL
         return _draw(atlas.texel_faces, affine, table, (shade, shade * scale), image)
-    affine = atlas.affine(values)
+    values, colors, unknown, of_faces = colored
+    if of_faces:
+        affine = np.zeros((len(atlas.mesh.faces), 3))
+        affine[:, 0] = values
+    else:
+        affine = atlas.affine(values)
     affine[:, 0] -= colors.low
     affine *= (_COLORS - 1) / (colors.high - colors.low)
     if unknown is not None:
-        affine[unknown[atlas.mesh.faces].any(axis=1), 0] = np.nan
+        affine[unknown if of_faces else unknown[atlas.mesh.faces].any(axis=1), 0] = np.nan
     table = np.vstack([linear_table(colors.colormap, _COLORS), np.full((1, 3), NO_VALUES)])
     return _draw(atlas.texel_faces, affine, table, (SHADE, SHADE * scale), image)
 

@@ -73,6 +73,14 @@ def switch_arrows_streaks_lines_and_points(matched):
     assert session.view.arrow_density == 0.5
     matched.check("streaks")
     calm(matched)
+    paints = matched.window.scene.paints
+    for coloring, bar in (("speed", "speed, in"), ("curl", "curl"), ("function", "function")):
+        matched.choose("color by", coloring)
+        matched.wait(lambda _, bar=bar: paints["advected"].bar.startswith(bar))
+        matched.wait(lambda _: paints["advected"].kind == "texture")
+    matched.choose("color by", "checker")
+    assert not matched.is_enabled("streaks")
+    matched.choose("color by", "function")
     matched.check("fade with speed")
     assert session.view.fade
     calm(matched)

@@ -23,6 +23,7 @@ from abfm_viewer.window.window import areas
 from tests.shapes import ellipsoid
 
 POINTS = ellipsoid(3, 1.0, 0.7, 0.4).vertices + np.array([0.3, -0.2, 0.1])
+POINTS = POINTS[POINTS[:, 0] + POINTS[:, 1] < 0.6]  # without a symmetry
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 NAMES = ("source", "advected", "target")
 PLACES = slots(NAMES, (0, 0, 900, 500), (2.0, 1.4), "row", 20.0)
@@ -123,7 +124,7 @@ def point_at(seen, name, place):
     return seen.target + np.array([x, y, 0.0]) @ seen.rotation
 
 
-def test_surface_fits_its_slot_from_every_side():
+def test_surface_fits_the_middle_of_its_slot_from_every_side():
     for rotation in rotations(100):
         seen = view(rotation=rotation)
         for name, slot in PLACES.items():
@@ -131,6 +132,8 @@ def test_surface_fits_its_slot_from_every_side():
             left, top, right, bottom = slot.rect
             assert left < x.min() <= x.max() < right
             assert top < y.min() <= y.max() < bottom
+            middle = (x.min() + x.max()) / 2, (y.min() + y.max()) / 2
+            assert middle == pytest.approx(slot.middle)
     x, y, _ = view().projected("source", POINTS).T
     half = PLACES["source"].half
     assert max(np.ptp(x) / (2 * half[0]), np.ptp(y) / (2 * half[1])) == pytest.approx(1)

@@ -11,6 +11,7 @@ from abfm.calculus import commuting_fields, gradient, pushforward, relative_brac
 from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.shown import quantities as quantities_module
+from abfm_viewer.shown.colored_values import ColoredValues
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.quantities import Field, pushed_gradient
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
@@ -44,6 +45,10 @@ def colors_of(session):
     return color_range(session.values("source"), session.values("target"))
 
 
+def values_of(shown):
+    return ColoredValues(shown.flow.advected(), colors_of(shown.session))
+
+
 def texture(shown):
     """Return the streaks with the present colours, when all computations are done."""
     found = None
@@ -52,7 +57,7 @@ def texture(shown):
         nonlocal found
         # the computation may have ended after the request
         before, was_busy = found, shown.flow.busy or shown.quantities.busy
-        found = shown.quantities.texture(shown.flow.advected(), colors_of(shown.session))
+        found = shown.quantities.texture(values_of(shown))
         is_busy = was_busy or shown.flow.busy or shown.quantities.busy
         return found is not None and found is before and not is_busy
 
@@ -84,7 +89,7 @@ def test_pending_computations_are_named(session, shown, held):
     may_decompose.set()
     until(lambda: shown.quantities.field() and not shown.quantities.is_computing_field, session)
     assert shown.busy == ""
-    assert shown.quantities.texture(shown.flow.advected(), colors_of(session)) is None
+    assert shown.quantities.texture(values_of(shown)) is None
     assert shown.busy == "computing streaks"
     may_convolve.set()
     texture(shown)
@@ -100,7 +105,7 @@ def test_sequence_caches_streaks_of_intervals(session, shown, held, convolutions
 
     def at(time):
         session.editor.amend(time=time)
-        return shown.quantities.texture(shown.flow.advected(), colors)
+        return shown.quantities.texture(ColoredValues(shown.flow.advected(), colors))
 
     session.player.toggle()
     times = document.sequence.middles.tolist()
@@ -133,7 +138,7 @@ def test_streaks_darken_colors_of_the_function(session, shown):
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)
     white = np.ones((atlas.size, atlas.size), dtype=np.float32)
-    bright = streak_texture(atlas, white, values, colors)
+    bright = streak_texture(atlas, white, ColoredValues(values, colors))
     assert (found.colors <= bright + 1e-6).all()
     assert (found.colors >= (1 - SHADE) * bright - 1e-6).all()
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
@@ -143,10 +148,18 @@ def test_streaks_darken_colors_of_the_function(session, shown):
     expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
     np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
     unknown = np.arange(len(values)) == 5
-    lacking = streak_texture(atlas, white, values, colors, unknown)
+    lacking = streak_texture(atlas, white, ColoredValues(values, colors, unknown))
     around = unknown[atlas.mesh.faces[atlas.texel_faces]].any(axis=2) & (atlas.texel_faces >= 0)
     np.testing.assert_allclose(lacking[around], NO_VALUES, atol=1e-6)
     np.testing.assert_array_equal(lacking[~around], bright[~around])
+    of_faces = values[atlas.mesh.faces].mean(axis=1)
+    colored = ColoredValues(of_faces, colors, of_faces > 0.9, of_faces=True)
+    flat = streak_texture(atlas, white, colored)
+    face = atlas.texel_faces[rows, columns]
+    share = np.clip((of_faces - colors.low) / (colors.high - colors.low), 0, 1)
+    expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
+    expected[of_faces > 0.9] = NO_VALUES
+    np.testing.assert_allclose(flat[rows, columns], expected[face], rtol=0, atol=1e-6)
     image = found.streaks.images[0]
     grey = streak_texture(atlas, image)
     of_shares = streak_texture(atlas, (image / 255).astype(np.float32))
