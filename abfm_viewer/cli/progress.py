@@ -17,14 +17,13 @@ from rich.progress import (
     Task,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.progress_bar import ProgressBar
 from rich.table import Column
 from rich.text import Text
 
 from abfm.matching import Iteration
-from abfm.workers.progress import Overall, Step, reporting_steps, rounded_time
+from abfm.workers.progress import Overall, Step, reporting_steps, rounded_time, within
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
 from abfm_viewer.document.verdict_words import SOLVING_PHASES, attempt_text, residual_text
@@ -121,6 +120,14 @@ class TaskProgress:
         return ", ".join(filter(None, (f"mesh of {now.vertices:,} vertices", attempt_text(now))))
 
 
+class _RemainingTime(ProgressColumn):
+    max_refresh = 0.5  # seconds
+
+    def render(self, task: Task) -> Text:
+        seconds = task.time_remaining
+        return Text("" if seconds is None else within(seconds))
+
+
 class _OverallBar(BarColumn):
     def __init__(self, overall: Overall) -> None:
         super().__init__()
@@ -165,7 +172,7 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
     if machine:
         yield print_json
         return
-    columns = ("frame", _BAR, _COUNT, TimeElapsedColumn(), TimeRemainingColumn())
+    columns = ("frame", _BAR, _COUNT, TimeElapsedColumn(), _RemainingTime())
     with _progress_bar(quiet, print_progress, count, *columns) as update:
         yield lambda frame: update(completed=frame)
 
@@ -186,7 +193,7 @@ def row_progress(
             print_line(text if is_step else f"{completed} of {count}: {text}")
 
     columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
-    ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
+    ends = (TimeElapsedColumn(), _RemainingTime()) if count else (TimeElapsedColumn(),)
     with _progress_bar(
         quiet, print_progress, count or None, *columns, *ends, text="starting"
     ) as update:

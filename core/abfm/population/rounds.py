@@ -26,6 +26,9 @@ from abfm.population.solver import PopulationSolver
 from abfm.population.subjects import Cohort
 from abfm.types import BoolArray
 from abfm.workers.control import Control, controlled
+from abfm.workers.progress import phase
+
+_LATER_ROUNDS = 2  # number of further rounds that are expected, unless fewer are allowed
 
 
 def register_population(
@@ -77,10 +80,12 @@ def register_population(
         fits = list[BoolArray]()
         while True:
             number = len(changes) + 1
-            entries = solver.register_all(target, number, on_change)
-            found = solver.round(entries, fits, number)
-            fits.append(found.outliers.fits)
-            mean = solver.target(found)
+            later = min(solver.settings.rounds - number, _LATER_ROUNDS)
+            with phase(f"round {number}", repeats=later):
+                entries = solver.register_all(target, number, on_change)
+                found = solver.round(entries, fits, number)
+                fits.append(found.outliers.fits)
+                mean = solver.target(found)
             changes.append(mean.distance(target, solver.areas, solver.channel_weights))
             target = mean
             if changes[-1] <= solver.settings.bound or number == solver.settings.rounds:

@@ -215,9 +215,7 @@ class PopulationSolver:
         rows, ledger = self.rows(target, number), Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # read by `abfm batch --status`
-        with step(
-            f"round {number}: registering", len(rows), f" {counted(len(rows), 'subject')}"
-        ) as done:
+        with step("registering", len(rows), f" {counted(len(rows), 'subject')}") as done:
             count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
             def report(entry: LedgerEntry) -> None:
