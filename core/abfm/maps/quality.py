@@ -214,7 +214,10 @@ class FlowMapQuality:
 
 
 def quality_table(
-    distortion: Distortion, back: RoundTrip, accuracy: MapAccuracy | None = None
+    distortion: Distortion,
+    back: RoundTrip,
+    accuracy: MapAccuracy | None = None,
+    title: str = "map of the flow:",
 ) -> list[str]:
     """Return distortion, round-trip errors and geodesic errors of a map as lines of a table."""
     rows = [
@@ -229,7 +232,7 @@ def quality_table(
         for bound in ERROR_BOUNDS:
             within = percents(float(accuracy.share_under(bound)), ".3g")
             shares.append(f"{within} of the vertices have an error of at most {bound:g}")
-    table = [("", _HEADS), *((n, [number_text(x, ".3g") for x in row]) for n, row in rows)]
+    table = [(title, _HEADS), *((n, [number_text(x, ".3g") for x in row]) for n, row in rows)]
     return [
         *(f"{name:<24}{''.join(f'{cell:>10}' for cell in cells)}" for name, cells in table),
         *shares,

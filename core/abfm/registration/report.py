@@ -56,7 +56,7 @@ def initial_details(initial: Correspondence) -> dict[str, Any]:
 
 def map_lines(found: Correspondence, accuracy: MapAccuracy | None = None) -> list[str]:
     return [
-        *quality_table(found.distortion(), found.round_trip(), accuracy),
+        *quality_table(found.distortion(), found.round_trip(), accuracy, "complete map:"),
         f"{100 * found.coverage():.1f}% of A is covered",
     ]
 

@@ -31,7 +31,7 @@ def test_map_of_a_rotation_has_no_folds_and_small_errors(rotation, tmp_path, abf
     for name in ("map.txt", "map.npy"):
         output = abfm(f"map {{r}} --out {{t}}/{name}", r=rotation)
         heads, areas = output.out.splitlines()[:2]
-        assert heads.split() == ["mean", "median", "95%", "98%", "largest"]
+        assert heads.split()[-5:] == ["mean", "median", "95%", "98%", "largest"]
         assert areas.startswith("areas, |log2 J|")
         folded = line_with(output.out, "1,280")
         check_message(folded, 0)
