@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -93,6 +93,8 @@ class Snapshot:
     problem: ProblemSpec
     iteration: abfm.matching.Iteration
     shown: abfm.matching.Iteration
+    # the steps of all other attempts at this problem, by the number of the attempt
+    others: Mapping[int, tuple[abfm.matching.PathStep, ...]] = field(default_factory=dict)
 
 
 class _History:
@@ -137,6 +139,7 @@ class _History:
                 np.array(shares)[:, : len(words) if len(words) > 1 else 0],
                 column("residual"),
                 column("sigma"),
+                column("attempt", np.int64),
             )
 
         inputs = (len(iterates), residual, parameters, restarts)
@@ -276,7 +279,7 @@ class Matching:
             return solve(problem)  # from zero, because the given field is too fast
 
     def _post(self, problem: ProblemSpec, now: abfm.matching.Iteration) -> None:
-        view, shown, before = now.view, now, self.snapshot
+        view, shown, before, others = now.view, now, self.snapshot, dict[int, Any]()
         assert isinstance(view, IteratePicture)
         if view.field is not None:  # the best iterate, reported again with its fields
             self._store(Snapshot(problem, now, now))
@@ -285,7 +288,9 @@ class Matching:
         if before is not None and before.problem is problem:
             is_better = view.picture is not None and better(now, before.shown)
             shown = now if is_better else before.shown
-        self.snapshot = Snapshot(problem, now, shown)
+            others = {**before.others, before.iteration.attempt: before.iteration.path}
+            others.pop(now.attempt, None)
+        self.snapshot = Snapshot(problem, now, shown, others)
         self._since_restart += 1
         with self._lock:
             self._yield_to_next()

@@ -274,8 +274,8 @@ class View(ViewPreferences):
 class RunRecord:
     """Energies of one run of the solver, one row for each of its n iterations.
 
-    Vertex counts, residuals, sigmas and reaches (distances over which functions are compared, in
-    sqrt(area)) have shape (n,), and are empty if unknown.
+    Vertex counts, residuals, sigmas, reaches (distances over which functions are compared, in
+    sqrt(area)) and attempts (numbers from 1) have shape (n,), and are empty if unknown.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
@@ -290,6 +290,11 @@ class RunRecord:
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), their energies
     residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
     sigmas: FloatArray = field(default_factory=lambda: np.zeros(0))
+    attempts: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def iterations(self) -> int:
+        return max(len(self.stages) - 1, 0)
 
     @property
     def has_mesh_sizes(self) -> bool:

@@ -64,6 +64,7 @@ _ENTRIES = {
         "shares": Entry("real", ("s", "T"), may_be_empty=True, low=0),
         "residuals": Entry("real", ("r",), may_be_empty=True, low=0),
         "sigmas": Entry("real", ("i",), may_be_empty=True, low=0),
+        "attempts": Entry("integer", ("a",), may_be_empty=True, low=1),
     },
     LabelMap.__name__: {"values": Entry("integer", ("V",))},
     "Frames": {
@@ -416,7 +417,7 @@ def _check_run(run: RunRecord, name: str) -> None:
     rows = len(run.stages)
     inside = all(0 <= row <= rows for row in run.restarts)
     _require(inside, f"{name} has restarts {list(run.restarts)}; expected iterations 0 to {rows}")
-    for part in ("vertices", "reaches", "residuals", "sigmas", "shares"):
+    for part in ("vertices", "reaches", "residuals", "sigmas", "shares", "attempts"):
         count = len(getattr(run, part))
         _require(count in (0, rows), f"{name} has {count} {part}")
     shares = run.shares.shape[1]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,6 @@ _VIEWS = {
     "iterations": "Residual after each iteration.",
     "trade-off": "Residual of each step against the area change of its map.",
 }
-_MARKS = "Lines: start of a stage (grey), of a finer mesh (wide), or of a changed problem (green)."
 
 
 def draw(context: Context) -> None:
@@ -88,45 +88,57 @@ def _iterations(
     if run is None:
         ui.note(_NO_RUN)
         return
-    stages, meshes = starts(run)
-    legend = (("grey: stage", stages), ("wide: mesh", meshes), ("green: restart", run.restarts))
-    marks = ", ".join(mark for mark, places in legend if places)
-    ui.note("; ".join(filter(None, [run.label, marks])))
-    ui.tip(_MARKS if marks else "")
-    _plot(ui, run, previous if session.view.previous_runs else ())
+    mesh = session.surface().mesh
+    _plot(ui, run, previous if session.view.previous_runs else (), len(mesh.vertices))
 
 
-def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord]) -> None:
-    (stages, meshes), residuals, best = starts(run), run.residual_curve, run.best_residuals
+def _plot(ui: Ui, run: RunRecord, previous: Sequence[RunRecord], vertices: int) -> None:
+    residuals, best, names = run.residual_curve, run.best_residuals, sections(run, vertices)
+    stages, meshes = ([at for at in found if at not in names] for found in starts(run))
     # curves of result files are only estimates, whose scale cannot be compared
     before = [earlier.best_residuals for earlier in previous if len(earlier.residuals)]
     last = max(*map(len, [residuals, *before]), _AXIS_ITERATIONS_MIN + 1) - 1
+    muted, flow = ui.colors.muted[:3], ui.colors.flow
+    lines = {
+        "each iteration": plots.Line((*flow[:3], 0.6), ui.px(1)),
+        "best so far": plots.Line(flow, ui.px(2.5)),
+        "previous runs": plots.Line((*muted, 0.45), ui.px(1)),
+        "stage": plots.Line((*muted, 0.5), ui.px(1), True),
+        "finer mesh": plots.Line((*muted, 0.7), ui.px(2.5), True),
+    }
+    absent = {"previous runs": before, "stage": stages, "finer mesh": meshes}
+    plots.legend(ui, {name: line for name, line in lines.items() if absent.get(name, True)})
+    each, least, earlier, of_stage, of_mesh = lines.values()
     with plots.plot(ui, "energy plot") as is_drawn:
         if not is_drawn:
             return
-        plots.set_up("iteration", (0, last), [residuals, *before])
-        muted, flow = ui.colors.muted[:3], ui.colors.flow
-        for number, earlier in enumerate(before):
-            plots.line(f"##previous {number}", earlier, (*muted, 0.45), ui.px(1))
-        plots.vertical_lines("##stages", stages, (*muted, 0.5), ui.px(1))
-        plots.vertical_lines("##meshes", meshes, (*muted, 0.7), ui.px(2.5))
-        plots.vertical_lines("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        plots.line("##each", residuals, (*flow[:3], 0.5), ui.px(1))
-        plots.line("##least", best, flow, ui.px(2))
-        if plots.is_under_mouse():
-            _draw_tooltip(ui, run)
+        plots.set_up("iteration", (0, last), [residuals, *before], len(names) > 1)
+        for number, curve in enumerate(before):
+            plots.line(f"##previous {number}", curve, *earlier[:2])
+        plots.vertical_lines("##stages", stages, *of_stage[:2])
+        plots.vertical_lines("##meshes", meshes, *of_mesh[:2])
+        if len(names) > 1:
+            plots.sections(ui, names, len(residuals) - 1)
+        for start, end in pairwise([*names, len(residuals)]):
+            place = np.arange(start, end, dtype=np.float64)
+            plots.line(f"##each {start}", residuals[start:end], *each[:2], place)
+            plots.line(f"##best {start}", best[start:end], *least[:2], place)
+        if len(residuals) and plots.is_under_mouse():
+            _draw_tooltip(ui, run, names)
 
 
-def _draw_tooltip(ui: Ui, run: RunRecord) -> None:
+def _draw_tooltip(ui: Ui, run: RunRecord, names: Mapping[int, str]) -> None:
     at = int(np.clip(round(implot.GetPlotMousePos()[0]), 0, len(run.stages) - 1))
     plots.vertical_lines("##here", [at], ui.colors.ink, ui.px(1))
     best, residual = run.best_residuals[at], run.residual_curve[at]
-    restart = ", restarted here" if at in run.restarts else ""
-    lines = [f"iteration {at}{restart}", stage_text(run, at), f"residual {share(residual)}"]
+    start = max(each for each in names if each <= at)
+    of_section = f" ({names[start]}, iteration {at - start})" if len(names) > 1 else ""
+    lines = [f"iteration {at}{of_section}", stage_text(run, at), f"residual {share(residual)}"]
     if share(best) != share(residual):
         lines[-1] += f", best so far {share(best)}"
     lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
     lines += [f"σ {sigma:.3g}" for sigma in run.sigmas[at : at + 1]]
+    lines += [f"run: {run.label}"] if run.label else []
     plots.tooltip(ui, "\n".join(lines))
 
 
@@ -139,12 +151,29 @@ def stage_text(run: RunRecord, at: int) -> str:
     return ", ".join(parts)
 
 
+def sections(run: RunRecord, vertices: int) -> dict[int, str]:
+    """Return the names of the sections of a run by their first iterations.
+
+    A section begins with a changed problem, a new attempt of the solver, or a refinement of the
+    mesh, which has a number of ``vertices``.
+    """
+    count, restarts = len(run.stages), [at for at in run.restarts if at < len(run.stages)]
+    attempts = run.attempts if len(run.attempts) else np.ones(count, dtype=np.int64)
+    sizes = np.maximum(run.vertices if run.has_mesh_sizes else np.zeros(count), vertices)
+    has_attempts = bool((attempts > 1).any())
+    found = {0: "attempt 1" if has_attempts else "match"}
+    is_start = (np.diff(attempts) != 0) | (np.diff(sizes) != 0)
+    for at in sorted({*restarts, *(np.flatnonzero(is_start) + 1).tolist()}):
+        refined = "refined" if sizes[at] > sizes[at - 1] else ""
+        found[at] = "changed" if at in restarts else refined or f"attempt {attempts[at]}"
+    return found
+
+
 def starts(run: RunRecord) -> tuple[list[int], list[int]]:
     """Return the iterations at which stages began, and those at which finer meshes began.
 
-    Restarts of the solver are omitted. An iteration that began both is only in the second list.
+    An iteration that began both is only in the second list.
     """
     finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
-    places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]
-    stages, meshes = ([at for at in found if at not in run.restarts] for found in places)
+    stages, meshes = ((np.flatnonzero(new) + 1).tolist() for new in (other, finer))
     return [at for at in stages if at not in meshes], meshes

@@ -12,6 +12,8 @@ import abfm
 from abfm import ParameterError
 from abfm.types import FloatArray
 from abfm.wording import factor, share
+from abfm_viewer.appearance.axes import factor_ticks
+from abfm_viewer.appearance.theme import Color
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
@@ -33,8 +35,8 @@ LIMIT = "Limit distortion"
 _STOP = "Stop limiting"
 _LIMIT_TIP = "Find the field of smallest residual within the bound."
 _AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
-_TICKS_MAX = 6
-_FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
+_PRESENT_RESIDUAL = "present iteration"
+_OTHER_ATTEMPTS = "other attempts"
 # markers of the residual are drawn over the larger ones of the residual along flow lines
 _FLOW_LINE_MARKER_SIZE = 5.5
 _RESIDUAL_MARKER_SIZE = 3.5
@@ -59,8 +61,6 @@ def draw(context: Context, path: Steps) -> None:
     _choice(ui, session, path, shown, chosen)
     if not is_live:
         _bound(ui, session)
-    colors = {"residual": ui.colors.flow, "along flow lines": ui.colors.lines}
-    plots.legend(ui, colors if chosen is None else colors | {_SOLVER_CHOICE: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
 
 
@@ -111,19 +111,38 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
     by_lines = plots.positive(np.array([step.verified_residual for step in path]))
     snapshot = session.matching.snapshot if session.solver.running else None
     now = np.array([snapshot.iteration.residual] if snapshot else [])
-    widest = max(_AXIS_WIDTH_MIN, *areas[np.isfinite(areas)])
+    others = [
+        np.array([[step.log2_area, step.residual] for step in steps]).T
+        for steps in (snapshot.others.values() if snapshot else ())
+        if steps
+    ]
+    known = np.concatenate([areas, *(each[0] for each in others)])
+    low, high = area_range(known)
+    muted = plots.Line((*ui.colors.muted[:3], 0.8), ui.px(1.2))
+    choice = plots.Line(ui.colors.good, ui.px(1.5), True)
+    present = plots.Line((*ui.colors.flow[:3], 0.5), ui.px(1))
+    marks: dict[str, Color | plots.Line] = {
+        "residual": ui.colors.flow,
+        "along flow lines": ui.colors.lines,
+    }
+    marks |= {_PRESENT_RESIDUAL: present} if len(now) else {}
+    marks |= {_OTHER_ATTEMPTS: muted} if others else {}
+    plots.legend(ui, marks | ({} if chosen is None else {_SOLVER_CHOICE: choice}))
     with plots.plot(ui, "trade-off plot") as is_drawn:
         if not is_drawn:
             return
-        ends = -0.04 * widest, 1.06 * widest
-        plots.set_up("areas change by a factor of", ends, (by_flow, by_lines, now), inverted=True)
-        ticks = area_ticks(widest)
-        factors = [f"{2**tick:.4g}" for tick in ticks]
+        ends = low - 0.05 * (high - low), high + 0.05 * (high - low)
+        curves = (by_flow, by_lines, now, *(each[1] for each in others))
+        plots.set_up("areas change by a factor of", ends, curves)
+        ticks, factors = factor_ticks(low, high)
         implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), factors)
         if chosen is not None:
-            plots.vertical_lines("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
+            plots.vertical_lines("##chosen", [float(areas[chosen])], *choice[:2])
         if len(now):
-            plots.horizontal_line("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
+            plots.horizontal_line("##now", float(now[0]), *present[:2])
+        for number, (across, up) in enumerate(others):
+            plots.line(f"##other {number}", up, *muted[:2], across)
+            plots.dots(f"##others {number}", (across, up), ui.px(2), (muted.color, muted.color))
         for name, residuals, ink, size in (
             ("along flow lines", by_lines, ui.colors.lines, _FLOW_LINE_MARKER_SIZE),
             ("residual", by_flow, ui.colors.flow, _RESIDUAL_MARKER_SIZE),
@@ -136,6 +155,14 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
                 growth = _SHOWN_MARKER_GROWTH
                 plots.dots(f"##{name} shown", place, ui.px(size + growth), (ink, edge))
         _clicks(ui, session, path, (areas, by_flow, by_lines), chosen)
+
+
+def area_range(log2_areas: FloatArray) -> tuple[float, float]:
+    """Return the ends of the axis of area changes, which begins at 0 unless all are large."""
+    known = log2_areas[np.isfinite(log2_areas)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    low = low if low > high / 2 else 0.0
+    return low, max(high, low + _AXIS_WIDTH_MIN)
 
 
 def _clicks(
@@ -163,16 +190,6 @@ def _clicks(
     plots.tooltip(ui, _step_text(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
         session.show_step(nearest)
-
-
-def area_ticks(widest: float) -> list[float]:
-    """Return ticks from 0 to ``widest``: the base-2 logarithms of round factors."""
-    ticks = [0.0]
-    for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
-        place = float(np.log2(times))
-        if ticks[-1] + widest / _TICKS_MAX <= place <= widest:
-            ticks.append(place)
-    return ticks
 
 
 def _step_text(path: Steps, number: int, chosen: int | None) -> str:

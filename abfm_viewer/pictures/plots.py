@@ -15,6 +15,7 @@ from PIL import Image, ImageFont
 
 from abfm.io.sheets import Plot
 from abfm.types import FloatArray
+from abfm_viewer.appearance.axes import factor_ticks
 
 CURVE_COLORS = ("#111111", "#2455c3", "#c62828", "#1b7a43", "#b26a00", "#6b3fa0")
 _FAINT_COLOR = "#8a909c"  # of all faint curves, which have different styles
@@ -111,8 +112,8 @@ def path_picture(
     one, other = area_change[chosen], 100 * residuals[chosen]
     axes.plot([one], [other], "o", color=_CHOSEN_COLOR, markersize=9, label="chosen")
     axes.set_ylim(0, 112 * residuals.max())
-    title = "mean |log2 J| of the flow"
-    return _finished(figure, axes, title, "residual, %", size)
+    axes.set_xticks(*factor_ticks(*axes.get_xlim()))
+    return _finished(figure, axes, "areas change by a factor of", "residual, %", size)
 
 
 def _finished(

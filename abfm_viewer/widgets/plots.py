@@ -2,12 +2,15 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm.types import FloatArray
+from abfm_viewer.appearance.axes import share_ticks
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -25,8 +28,15 @@ _FLAGS = (
 # minimum ratio between the ends of the vertical axis, and margin at each end
 _AXIS_FACTOR_MIN = 2.0
 _MARGIN = 0.1
-_MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
-_TICKS_MIN = 3
+_HEADROOM = 0.14  # height above the curves for the names of sections, relative to the curves
+
+
+class Line(NamedTuple):
+    """A line in a legend."""
+
+    color: Color
+    weight: float  # in pixels
+    is_vertical: bool = False
 
 
 @contextmanager
@@ -53,17 +63,20 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
 
 
 def set_up(
-    title: str, ends: tuple[float, float], shares: Sequence[FloatArray], inverted: bool = False
+    title: str,
+    ends: tuple[float, float],
+    shares: Sequence[FloatArray],
+    has_sections: bool = False,
 ) -> None:
     """Set up a horizontal axis with limits, and a logarithmic axis for residuals in percent.
 
-    ``shares`` are the residuals of all curves, as fractions. If ``inverted``, the horizontal axis
-    points to the left.
+    ``shares`` are the residuals of all curves, as fractions. If ``has_sections``, space remains
+    above the curves for `sections`.
     """
     low, high = _around(np.concatenate([positive(values) for values in shares]))
+    high *= (high / low) ** (_HEADROOM if has_sections else 0)
     across, up = implot.ImAxis_X1, implot.ImAxis_Y1
-    flags = implot.ImPlotAxisFlags_Invert if inverted else implot.ImPlotAxisFlags_None
-    implot.SetupAxis(across, title, flags)
+    implot.SetupAxis(across, title, implot.ImPlotAxisFlags_None)
     implot.SetupAxisLimits(across, *map(float, ends), implot.ImPlotCond_Always)
     implot.SetupAxis(up, "residual", implot.ImPlotAxisFlags_None)
     implot.SetupAxisScale(up, implot.ImPlotScale_Log10)
@@ -92,24 +105,33 @@ def span(start: float, end: float, color: Color) -> None:
     implot.PopPlotClipRect()
 
 
+def sections(ui: Ui, names: Mapping[int, str], end: int) -> None:
+    """Mark sections of a plot by a line at each start and a tint of every second one.
+
+    ``names`` are the names of the sections by their start. A name is written at the top of its
+    section; if it is too long, it is abbreviated. ``end`` is the end of the last section.
+    """
+    top = implot.GetPlotPos()[1] + ui.px(2)
+    for number, (start, after) in enumerate(pairwise([*names, end])):
+        if number % 2:
+            span(start, after, (*ui.colors.marker[:3], 0.1))
+        if number:
+            vertical_lines(f"##section {number}", [start], ui.colors.marker, ui.px(1.5))
+        left, right = (float(implot.PlotToPixels(float(x), 1.0)[0]) for x in (start, after))
+        name = ui.fitted(names[start], right - left - ui.px(6))
+        if name.strip("."):
+            draw_list, place = implot.GetPlotDrawList(), (left + ui.px(4), top)
+            corner = place[0] + ui.text_width(name), top + imgui.GetTextLineHeight()
+            draw_list.AddRectFilled(place, corner, imgui.GetColorU32(ui.colors.ground))
+            draw_list.AddText(place, imgui.GetColorU32(ui.colors.marker), name)
+
+
 def _around(values: FloatArray) -> tuple[float, float]:
     """Return limits of a logarithmic axis for values, with margins for markers."""
     known = values[np.isfinite(values)]
     low, high = (known.min(), known.max()) if len(known) else (0.1, 1.0)
     factor = max((high / low) ** _MARGIN, np.sqrt(max(_AXIS_FACTOR_MIN * low / high, 1.0)))
     return float(low / factor), float(high * factor)
-
-
-def share_ticks(low: float, high: float) -> list[float]:
-    """Return round fractions from ``low`` to ``high`` for ticks, at least three if possible."""
-    ticks: list[float] = []
-    for mantissas in _MANTISSAS:
-        decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-        places = (float(f"{m}e{decade}") for decade in decades for m in mantissas)
-        ticks = [place for place in places if low <= place <= high]
-        if len(ticks) >= _TICKS_MIN:
-            break
-    return ticks
 
 
 def positive(values: FloatArray) -> FloatArray:
@@ -158,15 +180,23 @@ def tooltip(ui: Ui, text: str) -> None:
     imgui.SetTooltip(text)
 
 
-def legend(ui: Ui, colors: Mapping[str, Color]) -> None:
-    side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
-    for number, (name, color) in enumerate(colors.items()):
+def legend(ui: Ui, marks: Mapping[str, Color | Line]) -> None:
+    """Draw a legend that wraps; a mark is a square of a colour, or a line."""
+    high, (_, spacing) = imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
+    for number, (name, mark) in enumerate(marks.items()):
         if number:
             ui.same_line_if_fits(name)
-        left, top = imgui.GetCursorScreenPos()
-        top += (imgui.GetTextLineHeight() - side) / 2
-        corners, ink = ((left, top), (left + side, top + side)), imgui.GetColorU32(color)
-        imgui.GetWindowDrawList().AddRectFilled(*corners, ink)
+        (left, top), draw_list = imgui.GetCursorScreenPos(), imgui.GetWindowDrawList()
+        middle, side = top + high / 2, 0.6 * high
+        if isinstance(mark, Line):
+            ink, side = imgui.GetColorU32(mark.color), side if mark.is_vertical else high
+            ends = ((left, middle), (left + side, middle))
+            if mark.is_vertical:
+                ends = ((left + side / 2, top), (left + side / 2, top + high))
+            draw_list.AddLine(*ends, ink, mark.weight)
+        else:
+            corners = ((left, middle - side / 2), (left + side, middle + side / 2))
+            draw_list.AddRectFilled(*corners, imgui.GetColorU32(mark))
         imgui.Dummy((side, side))
         ui.same_line(spacing)
         ui.line(name, "ink")

@@ -301,9 +301,9 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
     first, second = problem(), problem()
     matching._current = first
 
-    def post(number, residual, picture="picture", of=first, field=None):
+    def post(number, residual, picture="picture", of=first, field=None, **more):
         view = IteratePicture(None, picture, field)
-        matching._post(of, iterate(iteration=number, residual=residual, view=view))
+        matching._post(of, iterate(iteration=number, residual=residual, view=view, **more))
         return matching.snapshot.iteration.iteration, matching.snapshot.shown.iteration
 
     assert post(0, 1.4) == (0, 0)
@@ -320,6 +320,9 @@ def test_new_attempt_does_not_replace_a_better_field(matching):
         assert post(number, residual, of=of, field="field") == (4, 4)
         assert matching._best.shown.iteration == best
     assert post(5, 0.9, of=second) == (5, 5)
+    for attempt, others in ((2, {1: ()}), (1, {2: ("a step",)})):
+        post(6, 0.9, of=second, attempt=attempt, path=("a step",))
+        assert matching.snapshot.others == others
 
 
 def test_record_has_a_curve_for_each_term():

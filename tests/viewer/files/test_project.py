@@ -76,7 +76,11 @@ RESULT = match(SPHERE, XY, YX, SHORT_RUN, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # other steps are stored in single precision
 LEVELS = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
-ITERATES = {"residuals": np.array([0.7, 0.5]), "sigmas": np.array([0.2, 0.1])}
+ITERATES = {
+    "residuals": np.array([0.7, 0.5]),
+    "sigmas": np.array([0.2, 0.1]),
+    "attempts": np.array([1, 2]),
+}
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PROBLEM = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = MatchDocument(

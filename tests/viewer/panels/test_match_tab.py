@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from abfm.parameters import FIELDS
+from abfm_viewer.appearance import axes
 from abfm_viewer.document.document import RunRecord
 from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
-from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 
@@ -28,13 +28,28 @@ def run(stages, vertices=(), reaches=(), restarts=()):
     ("marked", "stages", "meshes"),
     [
         (run([0, 0, 1, 2, 2, 3], [600, 600, 600, 2500, 2500, 2500], [0.0] * 6), [2, 5], [3]),
-        (run([0, 1, 0, 1], [600, 2500, 600, 2500], [0.0] * 4, (2,)), [], [1, 3]),
-        (run([0, 0], [600, 2500], [0.0] * 2, (1,)), [], []),  # a restart, not a finer mesh
+        (run([0, 1, 0, 1], [600, 2500, 600, 2500], [0.0] * 4, (2,)), [2], [1, 3]),
         (run([0, 0, 1]), [2], []),
     ],
 )
 def test_stages_and_finer_meshes_have_separate_lines(marked, stages, meshes):
     assert energy.starts(marked) == (stages, meshes)
+
+
+def test_sections_begin_with_changes_attempts_and_refinements():
+    record = run([0, 0, 1, 0, 0, 1, 2, 3], [150] * 6 + [600, 2400], [0.0] * 8, (3, 8))
+    assert energy.sections(record, 600) == {0: "match", 3: "changed", 7: "refined"}
+    tried = replace(record, attempts=np.array([1, 1, 2, 1, 1, 2, 1, 1]))
+    assert energy.sections(tried, 600) == {
+        0: "attempt 1",
+        2: "attempt 2",
+        3: "changed",
+        5: "attempt 2",
+        6: "attempt 1",
+        7: "refined",
+    }
+    assert energy.sections(run([0, 0, 1]), 600) == {0: "match"}  # from a result file
+    assert energy.sections(run([], restarts=(0,)), 600) == {0: "match"}
 
 
 def test_smallest_residual_decreases_until_a_change():
@@ -57,15 +72,31 @@ def test_smallest_residual_decreases_until_a_change():
     ],
 )
 def test_axis_of_residuals_has_round_ticks(low, high, ticks):
-    assert plots.share_ticks(low, high) == ticks
+    assert axes.share_ticks(low, high) == ticks
 
 
 @pytest.mark.parametrize(
-    ("widest", "factors"),
-    [(0.02, [1, 1.005, 1.01]), (0.7, [1, 1.1, 1.2, 1.5]), (5.8, [1, 2, 5, 10, 20, 50])],
+    ("ends", "factors"),
+    [
+        ((0, 0.02), [1, 1.005, 1.01]),
+        ((0, 0.7), [1, 1.2, 1.4, 1.6]),
+        ((1.38, 1.46), [2.65, 2.7, 2.75]),
+        ((0, 5.8), [1, 2, 5, 10, 20, 50]),
+        ((-0.1, 2.2), [1, 1.5, 2, 3]),
+    ],
 )
-def test_axis_of_areas_has_round_factors(widest, factors):
-    np.testing.assert_allclose(2 ** np.array(trade_off.area_ticks(widest)), factors)
+def test_axis_of_areas_has_round_factors(ends, factors):
+    ticks, labels = axes.factor_ticks(*ends)
+    np.testing.assert_allclose(2 ** np.array(ticks), factors)
+    assert labels == [f"×{factor:g}" for factor in factors]
+
+
+@pytest.mark.parametrize(
+    ("areas", "ends"),
+    [([0.5, 0.1], (0, 0.5)), ([1.3, np.nan, 1.4], (1.3, 1.4)), ([np.nan], (0, 0.01))],
+)
+def test_axis_of_areas_begins_at_1_unless_all_are_large(areas, ends):
+    assert trade_off.area_range(np.array(areas)) == ends
 
 
 def test_tooltip_describes_an_iteration():

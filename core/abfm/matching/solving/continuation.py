@@ -419,7 +419,7 @@ def _search(state: State) -> State:
     best = int(np.argmin([_value(state, path) for path in state.tried]))
     state.record.is_provisional, state.record.attempt = False, best + 1
     phase = Phase.INTERPOLATION if schedule.is_measured else Phase.PROLONGATION
-    return replace(state, variant=state.variants[best], path=state.tried[best], phase=phase)
+    return _with_path(replace(state, variant=state.variants[best], phase=phase), state.tried[best])
 
 
 def _interpolation(state: State) -> State:

@@ -210,7 +210,7 @@ class Record:
         self._on_iteration = on_iteration
 
     def begin(self, attempt: int, attempts: int) -> None:
-        self.latest = self.last_iterate = None
+        self.latest, self.last_iterate, self.path = None, None, ()
         self.attempt, self.attempts = attempt, attempts
 
     def count(self) -> None:
