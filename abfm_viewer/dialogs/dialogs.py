@@ -12,6 +12,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, Preview, shown, valid_name
 from abfm_viewer.dialogs.native_dialog import NativeDialog
+from abfm_viewer.dialogs.palette import Entry, Palette
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -198,6 +199,16 @@ class Dialogs:
     def show(self, title: str, lines: Sequence[Line], copied: str = "", link: str = "") -> None:
         """Show paragraphs, rows of two columns, or headings (rows with an empty second column)."""
         self._open.append((Message(title, lines, copied, link), lambda _: self._close()))
+
+    def search(self, entries: Sequence[Entry], on_entry: Callable[[Entry], None]) -> None:
+        """Let the user search an action, and call ``on_entry`` after the dialog has closed."""
+
+        def answered(answer: tuple[Entry | None]) -> None:
+            self._close()
+            if answer[0] is not None:
+                on_entry(answer[0])
+
+        self._open.append((Palette(entries), answered))
 
     def draw(self, ui: Ui) -> None:
         if not self._open:

@@ -40,7 +40,7 @@ def draw(context: Context) -> None:
     has_path = sum(map(math.isfinite, (step.log2_area for step in path))) > 1
     views = [*_VIEWS]
     view = views[has_path and getattr(session.view, name)]
-    with ui.disabled(not has_path):
+    with ui.disabled(not has_path, "The match has no steps to compare yet."):
         new = ui.radio(views, view, [*_VIEWS.values()])
     if new != view:
         session.editor.set_view(f"plot the {new}", "", **{name: new == "trade-off"})
@@ -64,8 +64,9 @@ def draw(context: Context) -> None:
                 abfm.io.export_energy_csv(path, run.energies, run.stages)
             session.notices.show(f"wrote {path}")
 
-    if ui.button("Export CSV...", tip, enabled=is_enabled):
-        context.dialogs.save(title, (".csv",), file, export)
+    with ui.disabled(not is_enabled, "There is no finished run."):
+        if ui.button("Export CSV...", tip):
+            context.dialogs.save(title, (".csv",), file, export)
     draw_help(context, *topics)
     if view == "trade-off":
         trade_off.draw(context, path)
@@ -82,9 +83,10 @@ def _iterations(
     session.editor.set_view(step, previous_runs=shown)
     ui.same_line_if_fits("Clear")
     tip = "Remove all runs before this one."
-    if ui.button("Clear##Clear previous", tip, enabled=bool(previous)):
-        latest = () if session.matching.record else session.editor.draft.runs[-1:]
-        session.editor.change("clear previous runs", runs=latest)
+    with ui.disabled(not previous, "There are no earlier runs."):
+        if ui.button("Clear##Clear previous", tip):
+            latest = () if session.matching.record else session.editor.draft.runs[-1:]
+            session.editor.change("clear previous runs", runs=latest)
     if run is None:
         ui.note(_NO_RUN)
         return

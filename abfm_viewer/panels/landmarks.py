@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import abfm
@@ -55,9 +56,10 @@ def _draw_list(context: Context) -> None:
     ui.same_line_if_fits("Open landmarks...", is_button=True)
     if ui.button("Open landmarks...", _OPEN_TIP):
         open_file(context)
-    if ui.button("Save landmarks...", _SAVE, enabled=bool(document.pairs)):
-        name = f"{Path(document.name).stem}_landmarks.csv"
-        context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
+    with ui.disabled(not document.pairs, "There are no landmarks."):
+        if ui.button("Save landmarks...", _SAVE):
+            name, write_to = f"{Path(document.name).stem}_landmarks.csv", partial(write, session)
+            context.dialogs.save("Save landmarks", FILES[:1], name, write_to)
     ui.same_line_if_fits("landmarks alone")
     alone = ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)
     step = f"match {'landmarks alone' if alone else 'functions as well'}"

@@ -91,7 +91,7 @@ def draw_field(context: Context) -> None:
     part = ui.combo("part", view.part, FIELD_PARTS, _PART)
     set_view(f"show the {part} field", part=part)
     _switch(context, "arrows", "arrows", "toggle arrows", _ARROWS)
-    with ui.disabled(not view.arrows):
+    with ui.disabled(not view.arrows, "Tick arrows first."):
         tip = "Largest length as a fraction of sqrt(area). Dense arrows are shorter, so that they "
         tip += "do not overlap."
         length = ui.number("length", view.arrow_length, Range(0.01, 0.4), tip)
@@ -103,9 +103,9 @@ def draw_field(context: Context) -> None:
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("change the density of arrows", "density", arrow_density=density)
     obstacle = _streaks_obstacle(context)
-    with ui.disabled(obstacle != ""):
-        _switch(context, "streaks", "streaks", "toggle streaks", f"{_STREAKS} {obstacle}".strip())
-    with ui.disabled(not view.streaks or obstacle != ""):
+    with ui.disabled(obstacle != "", obstacle):
+        _switch(context, "streaks", "streaks", "toggle streaks", _STREAKS)
+    with ui.disabled(not view.streaks or obstacle != "", obstacle or "Tick streaks first."):
         ui.same_line_if_fits("fade with speed")
         _switch(context, "fade with speed", "fade", "toggle fading", _FADE)
         ui.same_line_if_fits("animate")
@@ -116,13 +116,13 @@ def draw_field(context: Context) -> None:
 def _streaks_obstacle(context: Context) -> str:
     """Return the reason why streaks cannot be drawn now; empty if there is none."""
     if context.session.view.coloring in TRANSFERRED_COLORINGS:
-        return "They are not drawn over coordinates, a checkerboard or labels."
-    return "They are drawn after the match." if context.session.matching.running else ""
+        return "Streaks are not drawn over coordinates, a checkerboard or labels."
+    return "Streaks are drawn after the match." if context.session.matching.running else ""
 
 
 def draw_tracks(context: Context) -> None:
     ui, session = context.ui, context.session
-    with ui.disabled(session.document.result is None):
+    with ui.disabled(session.document.result is None, "Match the frames first."):
         _switch(context, "tracks", "tracks", "toggle tracks", _TRACKS)
     draw_help(context, "tracks", "uncertainty")
     if found := context.shown.tracks.counts():
@@ -138,11 +138,13 @@ def draw_clicks(context: Context) -> None:
         tools.pop("landmark")
     tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
-    if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):
-        editor.change("clear lines", lines=())
+    with ui.disabled(not document.lines, "There are no flow lines."):
+        if ui.button("Clear lines", "Remove all flow lines."):
+            editor.change("clear lines", lines=())
     ui.same_line_if_fits("Clear points")
-    if ui.button("Clear points", "Remove all followed points.", enabled=bool(document.points)):
-        editor.change("clear points", points=())
+    with ui.disabled(not document.points, "There are no followed points."):
+        if ui.button("Clear points", "Remove all followed points."):
+            editor.change("clear points", points=())
 
 
 def draw_compare(context: Context) -> None:

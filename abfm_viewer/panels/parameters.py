@@ -132,7 +132,7 @@ def draw(context: Context) -> None:
             if parameters.paper.method == "linearised":
                 unused = {"gradient", "substeps", "quadrature"}
             for name in [name for name in _PARAMETER_TEXTS if name not in _MAIN_PARAMETERS]:
-                with ui.disabled(name in unused):
+                with ui.disabled(name in unused, "The chosen method and gradient do not use it."):
                     _control(ui, session, name)
             spec = ui.text("mask", session.document.mask, _MASK, hint="empty: equal weights")
             if spec is not None:
@@ -140,10 +140,10 @@ def draw(context: Context) -> None:
                     session.editor.set_mask(spec.strip())
             ui.refusal("mask", otherwise=session.work.error("mask"))
             tip = "Reset all parameters to their defaults."
-            if ui.button(
-                "Reset to defaults", tip, enabled=parameters != _DEFAULT_PARAMETERS, width=-1
-            ):
-                session.editor.reset_parameters()
+            is_default = parameters == _DEFAULT_PARAMETERS
+            with ui.disabled(is_default, "All parameters have their defaults."):
+                if ui.button("Reset to defaults", tip, width=-1):
+                    session.editor.reset_parameters()
 
 
 def _preset(ui: Ui, session: Session) -> None:

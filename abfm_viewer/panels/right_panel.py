@@ -106,7 +106,19 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
         label = tabs(ui, STEPS, tuple(TABS))
         is_low = imgui.GetContentRegionAvail()[1] < ui.px(_TAB_HEIGHT_MIN)
         with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
-            for part, draw_part in panels.tabs[label].items():
-                # a part that was drawn before may have opened another kind of document
-                if type(session.document) is type(document):
-                    guarded(part, draw_part, context)
+            _draw_tab(context, label, guarded)
+
+
+def list_tabs(context: Context, guarded: Callable[..., None]) -> None:
+    """Draw the parts of all tabs, for the record of widgets that are not visible."""
+    for label in TABS:
+        with context.ui.group(label):
+            _draw_tab(context, label, guarded)
+
+
+def _draw_tab(context: Context, label: str, guarded: Callable[..., None]) -> None:
+    kind = type(context.session.document)
+    for part, draw_part in PANELS[kind].tabs[label].items():
+        # a part that was drawn before may have opened another kind of document
+        if type(context.session.document) is kind:
+            guarded(part, draw_part, context)

@@ -132,12 +132,15 @@ def child(
     outer = ui.record.areas[-1] if fits == "at least" else None
     with _ended(ui, imgui.EndChild, rect=outer):
         _keep_scroll(ui, ui.record.path(name))
-        ui.heights[name] = float(imgui.GetWindowHeight())
+        if not ui.listing:
+            ui.heights[name] = float(imgui.GetWindowHeight())
         yield
 
 
 def _keep_scroll(ui: Ui, name: str) -> None:
     """Store the scroll position of the current window, and restore it in a new ImGui context."""
+    if ui.listing:
+        return
     ui.hidden_heights[name] = imgui.GetScrollMaxY()
     if ui.capturing or name not in ui.scrolls:
         imgui.SetScrollY(ui.scrolls.setdefault(name, 0.0))
@@ -151,11 +154,12 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
     imgui.SetNextItemOpen(is_open, imgui.ImGuiCond_Always)
     with Pushed({imgui.ImGuiCol_Text: ui.colors.ink}):
         now_open = imgui.CollapsingHeader(label)
-    ui.record_item(label, "section", text="open" if now_open else "closed")
+    if ui.record_item(label, "section", text="open" if now_open else "closed"):
+        now_open = True
     ui.open_sections[label] = now_open
     try:
         with ui.group(label):
-            yield now_open
+            yield now_open or ui.listing
     finally:
         if now_open:
             imgui.Dummy((0, ui.px(4)))
@@ -185,8 +189,7 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
             line = imgui.GetColorU32(colors.accent if is_open else colors.border)
             top = bottom - ui.px(2 if is_open else 1)
             imgui.GetWindowDrawList().AddRectFilled((left, top), (right, bottom), line)
-            ui.record_item(label, "tab", text="open" if is_open else "closed")
-            if clicked:
+            if ui.record_item(label, "tab", text="open" if is_open else "closed") or clicked:
                 ui.open_tab = label
     return ui.open_tab
 
@@ -198,6 +201,10 @@ def is_popup_open() -> bool:
 
 @contextmanager
 def menu(ui: Ui, label: str) -> Iterator[bool]:
+    if ui.listing:
+        with ui.record.within(label):
+            yield True
+        return
     opened = imgui.BeginMenu(label)
     ui.record_item(label, "menu", text="open" if opened else "closed")
     try:
@@ -213,5 +220,6 @@ def menu_item(
     ui: Ui, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True
 ) -> bool:
     chosen = imgui.MenuItem(label, shortcut, checked, enabled and ui.record.enabled)
-    ui.record_item(label, "item", enabled=enabled, text="checked" if checked else "")
-    return bool(chosen)
+    text = "checked" if checked else ""
+    is_wanted = ui.record_item(label, "item", enabled=enabled, text=text, keys=shortcut)
+    return bool(chosen) or is_wanted

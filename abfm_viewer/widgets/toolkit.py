@@ -120,7 +120,11 @@ class Ui:
         self.heights: dict[str, float] = {}  # heights of children by their names
         # heights of the invisible parts of windows and children, by their names
         self.hidden_heights: dict[str, float] = {}
+        # whether widgets are only recorded, with all choices and closed sections, and not visible
+        self.listing = False
+        self.wanted: Widget | None = None  # acts once as if the user had used it
         self._clicked_at: tuple[float, float] | None = None
+        self._reason = ""  # why the widgets of the current block are disabled
 
     @property
     def widgets(self) -> list[Widget]:
@@ -136,12 +140,26 @@ class Ui:
         elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_TIP_DISTANCE):
             self._clicked_at = None
 
+    @contextmanager
+    def unseen(self) -> Iterator[WidgetRecord]:
+        """Record the widgets of the block, which are not visible, in a separate record."""
+        record, self.record, self.listing = self.record, WidgetRecord(), True
+        self.record.begin_frame(record.areas[0])
+        try:
+            yield self.record
+        finally:
+            self.record.end_frame()
+            self.record, self.listing = record, False
+
     def px(self, length: float) -> float:
         return length * self.scale
 
     @contextmanager
-    def disabled(self, condition: bool = True) -> Iterator[None]:
-        """Draw the widgets of the block as disabled if ``condition``, and paler behind a dialog."""
+    def disabled(self, condition: bool = True, reason: str = "") -> Iterator[None]:
+        """Draw the widgets of the block as disabled if ``condition``, and paler behind a dialog.
+
+        Their tooltips begin with the reason.
+        """
         if not condition:
             yield
             return
@@ -149,9 +167,11 @@ class Ui:
         alpha = style.Alpha * (1.0 if self.record.enabled else style.DisabledAlpha)
         with Pushed({}, {imgui.ImGuiStyleVar_Alpha: alpha}), self.record.disabled():
             imgui.BeginDisabled()
+            before, self._reason = self._reason, reason or self._reason
             try:
                 yield
             finally:
+                self._reason = before
                 imgui.EndDisabled()
 
     @contextmanager
@@ -243,10 +263,17 @@ class Ui:
         Disabled widgets have tooltips as well. During a drag, and after a click until the mouse
         moves, no tooltip is shown.
         """
+        text = self._reasoned(text)
+        if self.listing and text:
+            self.record.describe(text)
         if not text or self._clicked_at is not None or imgui.IsMouseDown(0):
             return
         if imgui.IsItemHovered(_TIP_FLAGS):
             self.tip_beside((*imgui.GetItemRectMin(), *imgui.GetItemRectMax()), text)
+
+    def _reasoned(self, tip: str) -> str:
+        is_new = not tip.startswith(self._reason)
+        return "\n\n".join(filter(None, [self._reason, tip])) if is_new else tip
 
     def tip_beside(self, item: Rect, text: str) -> None:
         """Show a tooltip for a part of the current window, by `placement.beside`."""
@@ -309,7 +336,7 @@ class Ui:
                 colors if primary else {}, {imgui.ImGuiStyleVar_FramePadding: (padding, down)}
             ):
                 pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
-            self._finish(text, "button", tip, shown, name=name)
+            pressed |= self._finish(text, "button", tip, shown, name=name)
         return pressed
 
     @property
@@ -326,16 +353,16 @@ class Ui:
         """Draw a small button "?" with a name for scripts; return whether it was pressed."""
         with Pushed({}, {imgui.ImGuiStyleVar_FramePadding: (self.px(_HELP_PADDING), 0)}):
             pressed = bool(imgui.SmallButton(f"{HELP_TEXT}###{name}"))
-        self._finish(HELP_TEXT, "button", tip, name=name)
-        return pressed
+        return self._finish(HELP_TEXT, "button", tip, name=name) or pressed
 
     def checkbox(self, label: str, value: bool, tip: str = "") -> bool:
         text, name = _text_and_name(label)
         shown = self._fitted_next_to_box(text)
         with self._outlined():
             _, value = imgui.Checkbox(f"{shown}###{name or text}", value)
-        self._finish(text, "checkbox", tip, shown, name=name, text="on" if value else "off")
-        return bool(value)
+        state = "on" if value else "off"
+        is_wanted = self._finish(text, "checkbox", tip, shown, name=name, text=state)
+        return bool(value) != is_wanted
 
     def combo(
         self,
@@ -359,7 +386,22 @@ class Ui:
             value = self._chosen(name or text, value, choices)
         else:
             self.tip(tip)
+            value = self._wanted_choice(name or text, value, choices)
         self._caption(text, caption, tip)
+        return value
+
+    def _wanted_choice(
+        self, name: str, value: Word, choices: Sequence[Word] | Mapping[Word, str]
+    ) -> Word:
+        """Return the wanted choice of a closed list, or ``value``; while listing, record all."""
+        with self.record.within(name):
+            for choice in choices if self.listing else ():
+                tip = choices[choice] if isinstance(choices, Mapping) else ""
+                self.record_item(choice, "choice", tip=tip)
+            wanted, enabled = self.wanted, self.record.enabled
+            for choice in choices if wanted and enabled and not self.listing else ():
+                if wanted and wanted.key == (self.record.path(choice)[1:], "choice", ""):
+                    self.wanted, value = None, choice
         return value
 
     def _chosen(self, name: str, value: Word, choices: Sequence[Word] | Mapping[Word, str]) -> Word:
@@ -386,7 +428,9 @@ class Ui:
             with self._outlined():
                 if imgui.RadioButton(f"{shown}###{choice}", choice == value):
                     value = choice
-            self._finish(choice, "choice", tip, shown, text="chosen" if choice == value else "")
+            state = "chosen" if choice == value else ""
+            if self._finish(choice, "choice", tip, shown, text=state):
+                value = choice
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
@@ -488,7 +532,8 @@ class Ui:
         typed = _input(text, hint, refusals.texts.get(key, value))
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
         full_tip = _in_full(typed, "" if is_longer else typed, tip)
-        self._finish(text, "box", full_tip, name=name, text=typed)
+        if self._finish(text, "box", full_tip, name=name, text=typed):
+            self.focus_next = key
         is_active, is_done = imgui.IsItemActive(), imgui.IsItemDeactivated()
         self.typing = bool(is_active or is_done)
         if is_active:
@@ -507,14 +552,15 @@ class Ui:
         self, label: str, value: str, hint: str, *, focus: bool = False, width: float = 0
     ) -> str:
         """Draw a text box; return its text in each frame. ``focus`` gives it the keyboard focus."""
-        width, caption = self._placed(label, width)
+        text, name = _text_and_name(label)
+        width, caption = self._placed(text, width)
         imgui.SetNextItemWidth(width)
         if focus:
             imgui.SetKeyboardFocusHere()
         value = _input(label, hint, value)
         self.typing = bool(imgui.IsItemActive())
-        self.record_item(label, "box", text=value)
-        self._caption(label, caption, "")
+        self.record_item(text, "box", text=value, name=name)
+        self._caption(text, caption, "")
         return value
 
     def row(self, label: str, chosen: bool, room: float = 0) -> tuple[bool, bool]:
@@ -529,19 +575,30 @@ class Ui:
         self._finish(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
-    def record_item(self, label: str, kind: WidgetKind, **details: Any) -> None:
-        """Record ImGui's latest item as a `Widget` with these attributes."""
+    def record_item(self, label: str, kind: WidgetKind, **details: Any) -> bool:
+        """Record ImGui's latest item as a `Widget`; return whether it should act now."""
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-        self.record.add(label, kind, rect, **details)
+        if self._reason:
+            details["tip"] = self._reasoned(details.get("tip", ""))
+        widget = self.record.add(label, kind, rect, **details)
+        if self.wanted is None or not widget.enabled or widget.key != self.wanted.key:
+            return False
+        self.wanted = None
+        imgui.SetScrollHereY(0.5)
+        return True
 
     def _finish(
         self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
-    ) -> None:
-        """Record the previous widget, whose visible label is ``shown``, and add its tooltip."""
+    ) -> bool:
+        """Record the previous widget, whose visible label is ``shown``, and add its tooltip.
+
+        Return whether it should act, as after a click.
+        """
         shown = shown or label
         tip = _in_full(label, shown, tip)
-        self.record_item(label, kind, tip=tip, shown=shown, **details)
+        is_wanted = self.record_item(label, kind, tip=tip, shown=shown, **details)
         self.tip(tip)
+        return is_wanted
 
     @contextmanager
     def _outlined(self) -> Iterator[None]:

@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -70,10 +70,16 @@ class Widget:
     name: str = ""  # for scripts, such as a parameter's name in files; empty if it is the label
     shown: str = ""  # part of the label that fits on the widget
     tip: str = ""  # tooltip
+    keys: str = ""  # shortcut of a menu item
 
     @property
     def path(self) -> str:
         return f"{self.section}/{self.label}"
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Path, kind and name, by which the widget is found in another frame."""
+        return self.path, self.kind, self.name
 
     def is_called(self, label: str) -> bool:
         return label in (self.label, self.name)
@@ -99,6 +105,11 @@ class WidgetRecord:
 
     def end_frame(self) -> None:
         self.latest = self._drawn
+
+    @property
+    def drawn(self) -> list[Widget]:
+        """Widgets of the frame in progress, so far."""
+        return self._drawn
 
     @property
     def enabled(self) -> bool:
@@ -128,10 +139,16 @@ class WidgetRecord:
 
     def add(
         self, label: str, kind: WidgetKind, rect: Rect, enabled: bool = True, **details: Any
-    ) -> None:
-        """Record a widget; the details are other attributes of `Widget`."""
+    ) -> Widget:
+        """Record a widget and return it; the details are other attributes of `Widget`."""
         section, usable = "/".join(self._sections[1:]), enabled and self.enabled
-        self._drawn.append(Widget(label, kind, rect, self.areas[-1], section, usable, **details))
+        widget = Widget(label, kind, rect, self.areas[-1], section, usable, **details)
+        self._drawn.append(widget)
+        return widget
+
+    def describe(self, tip: str) -> None:
+        """Record the tooltip of the latest widget."""
+        self._drawn[-1] = replace(self._drawn[-1], tip=tip)
 
 
 def write_widgets(widgets: Sequence[Widget], frame: int) -> None:

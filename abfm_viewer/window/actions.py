@@ -99,11 +99,16 @@ def unsaved_work(session: Session) -> str:
 class Actions:
     """Actions of the window, as attributes; `all` has them in the order of the list in Help.
 
-    ``over`` returns the surface under the mouse, ``close`` closes the window without a question.
+    ``over`` returns the surface under the mouse, ``close`` closes the window without a question,
+    and ``search`` opens the search of actions.
     """
 
     def __init__(
-        self, context: Context, over: Callable[[], str], close: Callable[[], None]
+        self,
+        context: Context,
+        over: Callable[[], str],
+        close: Callable[[], None],
+        search: Callable[[], None],
     ) -> None:
         self.context, self._over, self._close = context, over, close
         self._waiting: Action | None = None
@@ -148,6 +153,7 @@ class Actions:
         self.show_shortcuts = views(
             "this list of shortcuts", "shortcuts", lambda: show("Shortcuts", self.listed())
         )
+        self.search = views("search all actions", "search", search, while_typing=True)
         do = partial(set_view, "look from the front", viewpoint=None)
         self.reset = views("look from the front again", "reset camera", do)
         self.axes = {

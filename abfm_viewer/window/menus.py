@@ -31,17 +31,10 @@ _FINER_TIP = (
 
 
 def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
-    def draw_samples(ui: Ui, actions: Actions) -> None:
-        samples.draw(ui, actions.context.files, textures)
-
-    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": draw_samples, "Help": _help}
     saves = actions.context.session.saves
     imgui.BeginMainMenuBar()
     try:
-        for label, draw_menu in menus.items():
-            with menu(ui, label) as is_open:
-                if is_open:
-                    draw_menu(ui, actions)
+        draw_menus(ui, actions, textures)
         # the name of the document at the right, abbreviated to fit
         available = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
         title = abbreviated(saves.title, available, ui.text_width)
@@ -51,6 +44,17 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
             ui.tip(f"Not saved since the last change ({hint('save')}).")
     finally:
         imgui.EndMainMenuBar()
+
+
+def draw_menus(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
+    def draw_samples(ui: Ui, actions: Actions) -> None:
+        samples.draw(ui, actions.context.files, textures)
+
+    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": draw_samples, "Help": _help}
+    for label, draw_menu in menus.items():
+        with menu(ui, label) as is_open:
+            if is_open:
+                draw_menu(ui, actions)
 
 
 def _items(ui: Ui, entries: dict[str, Action]) -> None:
@@ -77,6 +81,7 @@ def _file(ui: Ui, actions: Actions) -> None:
             imgui.Separator()
             if menu_item(ui, "Clear recent", enabled=bool(recent)) and files.state:
                 files.state.clear_recent()
+            ui.tip("" if recent else "The list is empty.")
     imgui.Separator()
     _items(ui, {"Save project": actions.save, "Save project as...": actions.save_as})
     imgui.Separator()
@@ -99,6 +104,7 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     if menu_item(ui, "Close second surface", enabled=has_second):
         close = partial(context.session.set_surfaces, context.session.surface("source"))
         context.files.when_free("closing the second surface", close)
+    ui.tip("" if has_second else "No second surface is open.")
     if menu_item(ui, "Open landmarks..."):
         landmarks.open_file(context)
 
@@ -120,6 +126,7 @@ def _edit(ui: Ui, actions: Actions) -> None:
         hint = f"{what}   {action.hint}" if what else action.hint
         if menu_item(ui, label, hint, enabled=bool(what)):
             action.do()
+        ui.tip("" if what else f"There is nothing to {label.lower()}.")
     imgui.Separator()
     places = actions.context.session.view.tool == "landmark"
     if menu_item(ui, "Place landmarks", actions.place_landmarks.hint, places):
@@ -128,6 +135,7 @@ def _edit(ui: Ui, actions: Actions) -> None:
     is_changed = editor.document.parameters != Parameters()
     if menu_item(ui, "Reset to defaults", enabled=is_changed):
         editor.reset_parameters()
+    ui.tip("" if is_changed else "All parameters have their defaults.")
 
 
 def _view(ui: Ui, actions: Actions) -> None:
@@ -152,9 +160,10 @@ def _view(ui: Ui, actions: Actions) -> None:
         if menu_item(ui, label, action.hint, shown):
             action.do()
     is_finer = session.result is not None and session.result.refined > 0
-    if menu_item(ui, "Finer mesh", checked=view.finer, enabled=is_finer or view.finer):
+    can_switch = is_finer or view.finer
+    if menu_item(ui, "Finer mesh", checked=view.finer, enabled=can_switch):
         session.editor.set_view("toggle the finer mesh", finer=not view.finer)
-    ui.tip(_FINER_TIP)
+    ui.tip(_FINER_TIP if can_switch else f"No match was found on a finer mesh.\n\n{_FINER_TIP}")
     if menu_item(ui, "Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()
     ui.tip("After a match, show its flow by streaks or arrows, and play it once.")
@@ -188,7 +197,7 @@ def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str,
 
 
 def _help(ui: Ui, actions: Actions) -> None:
-    _items(ui, {"Shortcuts": actions.show_shortcuts})
+    _items(ui, {"Search actions...": actions.search, "Shortcuts": actions.show_shortcuts})
     if menu_item(ui, "Messages"):
         actions.show_messages()
     if menu_item(ui, "About"):

@@ -177,7 +177,7 @@ def _is_chosen(
     (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
-    ui.record_item(name, "item", text="checked" if loaded else "")
+    is_wanted = ui.record_item(name, "item", text="checked" if loaded else "")
     # a sample of two surfaces has the thumbnail of B
     pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
@@ -193,4 +193,4 @@ def _is_chosen(
         shown = abbreviated(text, left + size[0] - x, ui.text_width)
         draw_list.AddText((x, y), imgui.ColorConvertFloat4ToU32(color), shown)
         y += line
-    return chosen
+    return chosen or is_wanted

@@ -40,7 +40,7 @@ from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
 from abfm_viewer.widgets import style
-from abfm_viewer.widgets.containers import is_popup_open
+from abfm_viewer.widgets.containers import is_popup_open, window
 from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
@@ -48,6 +48,7 @@ from abfm_viewer.window.library_warnings import LibraryWarnings
 from abfm_viewer.window.mouse import Mouse
 from abfm_viewer.window.recovery import Recoveries
 from abfm_viewer.window.samples import SampleTextures
+from abfm_viewer.window.search import Search
 from abfm_viewer.window.session_preferences import SessionPreferences
 from abfm_viewer.window.window_title import WindowTitle
 
@@ -155,7 +156,7 @@ class Window(Context):
         super().__init__(session, state)
         self.session_preferences = SessionPreferences(session, self.preferences)
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
-        self.actions = Actions(self, lambda: self.mouse.over, self._end)
+        self.actions = Actions(self, lambda: self.mouse.over, self._end, lambda: self.search.open())
         self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0  # number of drawn frames
         self.errors: dict[str, str] = {}  # of the latest frame, by part of the window
@@ -185,6 +186,7 @@ class Window(Context):
         self.mouse = Mouse()
         self.title = WindowTitle()
         self.sample_textures = SampleTextures()
+        self.search = Search(self, self._draw_unseen)
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -307,11 +309,18 @@ class Window(Context):
         self.guarded("dialog", self.dialogs.draw, self.ui)
         if keys_are_free:
             self.guarded("keyboard", self.actions.do_pressed)
+        self.guarded("search", self.search.update)
         if is_live:
             self.errors = {part: self.errors[part] for part in self.errors if part in self._drawn}
             self._drawn.clear()
             self.ui.record.end_frame()
             self.guarded("widget file", write_widgets, self.ui.widgets, self.frames)
+
+    def _draw_unseen(self) -> None:
+        """Draw all menus and tabs, for the record of widgets that are not visible."""
+        with window(self.ui, "unseen", (-1e4, -1e4, -9e3, -9e3)):
+            self.guarded("menu", menus.draw_menus, self.ui, self.actions, self.sample_textures)
+            right_panel.list_tabs(self, self.guarded)
 
     def _draw_scene(self, rect: Rect, is_live: bool) -> None:
         ui, session, scene = self.ui, self.session, self.scene

@@ -240,6 +240,7 @@ def use_entries_and_shortcuts(gui, monkeypatch):
         gui.menu("Help", entry)
         gui.click("Close", within="About abfm" if entry == "About" else entry)
         assert not gui.window.dialogs.is_open
+    search_actions(gui)
     for entry in ("Export picture...", "Export movie...", "Export data..."):
         gui.click("Look")
         gui.menu("File", entry)
@@ -254,6 +255,47 @@ def use_entries_and_shortcuts(gui, monkeypatch):
             called.clear()
             gui.key(chord)
             assert called == [action], chord
+
+
+def search_actions(gui):
+    """Find a parameter, a setting, a menu item, a disabled button and a topic of help."""
+
+    def find(words, enter=True):
+        gui.key("ctrl+k")
+        gui.type("words", words, enter=enter)
+        gui.frames(4)
+
+    editor, dialogs = gui.session.editor, gui.window.dialogs
+    find("alpha")
+    assert gui.text_of("Match", kind="tab") == "open"
+    assert gui.window.ui.active_box.endswith("Match/alpha")
+    gui.input.write("0.5")
+    gui.key("enter")
+    assert gui.session.parameters.alpha == 0.5
+    find("goal")
+    assert gui.window.ui.open_sections["Advanced"]
+    gui.key("esc")
+    find("color by divergence")
+    assert gui.session.view.coloring == "divergence"
+    gui.menu("Help", "Search actions...")
+    gui.type("words", "isol")
+    gui.frames(4)
+    assert gui.session.view.isolines
+    find("clear points")
+    assert dialogs.is_open  # there are no points
+    gui.key("esc")
+    before = gui.session.document.channels
+    find("swap", enter=False)
+    gui.key("down")
+    gui.key("up")
+    gui.click("Functions > Swap", within="Search actions")
+    gui.frames(4)
+    assert gui.session.document.channels[0].source == before[0].target
+    find("explain uncertainty")
+    gui.click("Close", within="Explanation")
+    assert not dialogs.is_open
+    while editor.undo_label:
+        editor.undo()
 
 
 def quit_with_unsaved_work(gui, tmp_path):

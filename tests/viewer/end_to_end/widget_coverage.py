@@ -101,6 +101,7 @@ def _name(widget):
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
     label = "step" if widget.kind == "marker" or section == "Match/step" else label
     section = "" if label == "?" else section
+    label = "action" if (section, widget.kind) == ("Search actions", "choice") else label
     label = "row" if (section, widget.kind) == ("table/rows", "choice") else label
     if section == "Save" and widget.kind == "choice":
         label = "file"
