@@ -203,6 +203,7 @@ class ViewPreferences:
     layout: Layout = "automatic"
     # one of `abfm.pages.colormaps.NAMES`, or "automatic": chosen by the signs of the functions
     colormap: str = "automatic"
+    full_range: bool = False  # whether colours show all values, also if few stretch the range
     isolines: bool = False
     isoline_count: Annotated[int, Range(1, 1000)] = 12
     color_bar: bool = True

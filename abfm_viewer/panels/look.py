@@ -25,6 +25,12 @@ _COLORINGS: dict[Coloring, str] = {
     "area distortion": "Area change of each face: enlarged (red) or reduced (blue).",
     "conformal distortion": "Ratio of the largest to the smallest stretch of each face.",
 }
+_OF_FIELD = "speed", "divergence", "curl", "area distortion", "conformal distortion"
+_RANGES = {
+    "robust": "From the 2nd to the 98th percentile, if extreme values stretch the range. The "
+    "colour bar has an arrow where values lie beyond.",
+    "full": "From the smallest to the largest value.",
+}
 _MAPS: tuple[Coloring, ...] = (*TRANSFERRED_COLORINGS, "area distortion", "conformal distortion")
 _LABELS = "Open labels..."
 _PART = (
@@ -63,6 +69,10 @@ def draw_coloring(context: Context) -> None:
     chosen = context.ui.combo("color by", now, _COLORINGS, tip)
     draw_help(context, "colour range", "speed", "area change")
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
+    is_full = context.session.view.full_range
+    kind = "full" if is_full else "robust"
+    kind = context.ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}")
+    context.session.editor.set_view("change the range", full_range=kind == "full")
     if chosen == "labels":
         _draw_labels(context, opens=chosen != now)
 
@@ -159,8 +169,20 @@ def draw_numbers(context: Context) -> None:
     context.ui.heading("in numbers", buttons=[HELP_TEXT])
     topics = "residual", "speed", "area change", "folded faces", "round trip"
     draw_help(context, *topics, name="Explain numbers", after_heading=True)
-    for draw_some in (_error, _field, _map, _points):
+    for draw_some in (_range, _error, _field, _map, _points):
         draw_some(context)
+
+
+def _range(context: Context) -> None:
+    """Report the range of the colours if values lie beyond it."""
+    is_of_field = context.session.view.coloring in _OF_FIELD
+    colors = context.shown.ranges.get("field" if is_of_field else "function")
+    if colors is not None and any(colors.clipped):
+        low, high = colors.full
+        context.ui.note(
+            f"Colours from {colors.low:.4g} to {colors.high:.4g}, values from {low:.4g} to "
+            f"{high:.4g}."
+        )
 
 
 def _error(context: Context) -> None:

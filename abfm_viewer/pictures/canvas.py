@@ -13,7 +13,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.annotations import Disc, Line, Part, Pen, Strip, Text
+from abfm_viewer.scene.annotations import Disc, Line, Part, Pen, Strip, Text, Triangle
 from abfm_viewer.scene.opengl import ps
 
 Pixels = NDArray[np.uint8]
@@ -23,7 +23,7 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 _SAMPLES_MAX = {4: 40e6, 3: 80e6, 2: 140e6}
 _SIDE_SAMPLES_MAX = 16384  # along a side of a picture, a limit of graphics cards
 _START_SIZE = 64
-_DISC_SAMPLES = 4  # samples along a side of a pixel of a disc
+_DISC_SAMPLES = 4  # samples along a side of a pixel of a disc or a triangle
 # constants of polyscope's tone mapping
 _GAMMA = 2.2
 _WHITE = 0.75
@@ -109,6 +109,8 @@ def draw_parts(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font
             ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=width)
         elif isinstance(part, Disc):
             _draw_disc(picture, part)
+        elif isinstance(part, Triangle):
+            _draw_triangle(picture, part)
         elif isinstance(part, Strip):
             _draw_strip(picture, part)
 
@@ -121,10 +123,27 @@ def _draw_disc(picture: Image.Image, disc: Disc) -> None:
     for radius, shade in ((disc.radius, 255), *([(disc.hole, 0)] if disc.hole else [])):
         box = [at + sign * _DISC_SAMPLES * radius for sign in (-1, 1) for at in middle]
         ImageDraw.Draw(mask).ellipse(box, fill=shade)
-    mask = mask.resize((side, side), Image.Resampling.BOX)
-    layer = Image.new("RGBA", mask.size, (*rgb(disc.color), 0))
-    layer.putalpha(mask)
-    _composite(picture, layer, left, top)
+    _fill(picture, mask, disc.color, (left, top))
+
+
+def _draw_triangle(picture: Image.Image, triangle: Triangle) -> None:
+    across, down = zip(*triangle.points, strict=True)
+    left, top = math.floor(min(across)), math.floor(min(down))
+    size = math.ceil(max(across)) - left, math.ceil(max(down)) - top
+    mask = Image.new("L", tuple(_DISC_SAMPLES * max(side, 1) for side in size), 0)
+    corners = [(_DISC_SAMPLES * (x - left), _DISC_SAMPLES * (y - top)) for x, y in triangle.points]
+    ImageDraw.Draw(mask).polygon(corners, fill=255)
+    _fill(picture, mask, triangle.color, (left, top))
+
+
+def _fill(
+    picture: Image.Image, samples: Image.Image, color: Color, corner: tuple[int, int]
+) -> None:
+    """Draw a shape, a mask with several samples along a side of a pixel, at a corner."""
+    size = samples.width // _DISC_SAMPLES, samples.height // _DISC_SAMPLES
+    layer = Image.new("RGBA", size, (*rgb(color), 0))
+    layer.putalpha(samples.resize(size, Image.Resampling.BOX))
+    _composite(picture, layer, *corner)
 
 
 def _composite(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:

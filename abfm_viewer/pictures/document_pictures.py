@@ -16,7 +16,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.document.document import Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, draw_parts, rendered
-from abfm_viewer.scene.annotations import Pen, annotation_parts, bars_height, name_height
+from abfm_viewer.scene.annotations import TICK, Pen, annotation_parts, bars_height, name_height
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
@@ -65,7 +65,8 @@ class DocumentRenderer:
         height = max(_TEXT_PIXELS_MIN, min(size) * _TEXT_SHARE)
         self._font = ImageFont.load_default(height)
         inks = theme.palette(document.view.theme)
-        self._pen = Pen(height / _WINDOW_TEXT_PIXELS, 1.2 * height, self._font.getlength, inks)
+        scale = height / _WINDOW_TEXT_PIXELS
+        self._pen = Pen(scale, 1.2 * height, self._font.getlength, inks, TICK * scale)
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:

@@ -8,10 +8,12 @@ from itertools import cycle
 import numpy as np
 from PIL import Image
 
+from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.calculus.speeds import fast_speed
 from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import TriangleMesh
-from abfm.pages.colormaps import ColorRange, color_range, place_colors
+from abfm.pages.color_ranges import color_range
+from abfm.pages.colormaps import ColorRange, place_colors
 from abfm.pages.front import Front, front_of, triple
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
@@ -165,15 +167,24 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
     The range is that of the source and target functions, or else that of all functions. Values
     outside the range have the colour of its nearest end.
     """
-    every: dict[str, list[FloatArray]] = defaultdict(list)
-    ends: dict[str, list[FloatArray]] = defaultdict(list)
+    every: dict[str, list[Panel]] = defaultdict(list)
     for panel in _panels(sheet):
         bar, values = _function(panel)
         if values is not None:
-            every[bar].append(values)
-            if panel.frame in ("source", "target"):
-                ends[bar].append(values)
-    return {bar: color_range(*(ends[bar] or functions)) for bar, functions in every.items()}
+            every[bar].append(panel)
+    return {bar: _range_of(panels) for bar, panels in every.items()}
+
+
+def _range_of(panels: Sequence[Panel]) -> ColorRange:
+    shown = [one for one in panels if one.frame in ("source", "target")] or panels
+    functions, areas = [], []
+    for panel in shown:
+        _, values = _function(panel)
+        assert values is not None
+        on_vertices = len(values) == len(panel.mesh.vertices)
+        functions.append(values)
+        areas.append(vertex_areas(panel.mesh) if on_vertices else face_areas(panel.mesh))
+    return color_range(*functions, areas=areas)
 
 
 def captions(sheet: Sheet) -> list[str]:
@@ -183,7 +194,8 @@ def captions(sheet: Sheet) -> list[str]:
         bar, values = _function(panel)
         if values is not None:
             colors, low, high = ranges[bar], float(values.min()), float(values.max())
-            if max(colors.low - low, high - colors.high) > CLAMP_SHARE * (colors.high - colors.low):
+            shown_low, shown_high = colors.full
+            if max(shown_low - low, high - shown_high) > CLAMP_SHARE * (shown_high - shown_low):
                 of_bar = "" if bar in ("function", panel.label) else f" ({bar})"
                 texts.append(
                     f"Outside the colour range: '{panel.label}'{of_bar} ranges from {low:,.4g} to "

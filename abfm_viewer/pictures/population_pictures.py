@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain
@@ -10,16 +9,20 @@ from itertools import chain
 import numpy as np
 
 from abfm import Population
+from abfm.calculus.operators import face_areas, vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
-from abfm.pages.colormaps import ColorRange, typical_range, without_extremes
+from abfm.pages.color_ranges import Quantity, color_range
 from abfm.pages.front import front_of
 from abfm.pages.registration_views import CHANNELS_MAX
 from abfm.types import FloatArray
 from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
 
 _OUTLIERS_DRAWN_MAX = 4
-_RANGE_PERCENTILE = 98  # of the changes of faces, as tiny faces vary most
-_RANGE_MIN = 0.25
+_QUANTITIES: dict[str, Quantity] = {
+    "mean of log2 J": "signed",
+    "standard deviation of log2 J": "magnitude",
+}
+_RANGE_MIN = 0.25  # smallest end of their colour ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,34 +66,24 @@ def _channel(found: Population, c: int) -> Row:
         *panels_of(found.template, name, means),
         *panels_of(found.template, spread, {"standard deviation": deviation}),
     )
-    top = float(np.max(without_extremes(deviation)))
+    areas = vertex_areas(found.template)
     ranges = {
-        name: typical_range(*means.values()),
-        spread: ColorRange("abfm sequential", 0.0, top or 1.0),
+        name: color_range(*means.values(), areas=areas),
+        spread: color_range(deviation, areas=areas, quantity="magnitude"),
     }
     return Row(name, panels, ranges)
 
 
 def _areas(found: Population) -> Row:
-    mean, deviation = "mean of log2 J", "standard deviation of log2 J"
-    values = {
-        mean: np.nan_to_num(found.log2_area_mean),
-        deviation: np.nan_to_num(found.log2_area_deviation),
-    }
-    ends = {
-        name: max(math.ceil(4 * _typical(np.abs(each))) / 4, _RANGE_MIN)
-        for name, each in values.items()
-    }
+    found_values = found.log2_area_mean, found.log2_area_deviation
+    values = dict(zip(_QUANTITIES, map(np.nan_to_num, found_values), strict=True))
     panels = (panels_of(found.template, name, {name: each}) for name, each in values.items())
+    areas = face_areas(found.template)
     ranges = {
-        mean: ColorRange("abfm diverging", -ends[mean], ends[mean]),
-        deviation: ColorRange("abfm sequential", 0.0, ends[deviation]),
+        name: color_range(values[name], areas=areas, quantity=quantity, end_min=_RANGE_MIN)
+        for name, quantity in _QUANTITIES.items()
     }
     return Row("areas", tuple(chain.from_iterable(panels)), ranges)
-
-
-def _typical(values: FloatArray) -> float:
-    return float(np.percentile(values, _RANGE_PERCENTILE))
 
 
 def _outlier(found: Population, i: int) -> Row | None:
@@ -108,7 +101,8 @@ def _outlier(found: Population, i: int) -> Row | None:
     }
     name = found.channels[c].name
     panels = panels_of(found.template, name, functions)
-    return Row(found.names[i], panels, {name: typical_range(*functions.values())})
+    ranges = {name: color_range(*functions.values(), areas=vertex_areas(found.template))}
+    return Row(found.names[i], panels, ranges)
 
 
 def _filled_in(values: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from abfm.display import BEST_VIEW, ViewSpec
 from abfm.io.sheets import Checker, Panel
 from abfm.maps import Distortion
 from abfm.matching import PathStep
+from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
 from abfm.pages.registration_views import (
@@ -31,7 +32,7 @@ _LOG2 = "log2 J and log2 R"
 _ON_B = ("A on B, initial map", "registered", "B")
 _SQUARES = 16  # of the checkerboard, along the larger side of A
 _STRETCH_MIN = 1e-6  # smaller stretches count as this, as in `Distortion.log2_area`
-_RANGE_MIN = 0.5
+_RANGE_MIN = 0.5  # smallest end of the colours of log2 J and log2 R
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +117,10 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> Row:
     ratios = {"areas: log2 J": distortion.area, "shapes: log2 R": distortion.conformal}
     logs = {title: log2_of(each) for title, each in ratios.items()}
     changes = panels_of(found.b, _LOG2, logs)
-    largest = max(distortion.log2_area.p98, distortion.log2_shape.p98)
-    end = max(math.ceil(2 * largest) / 2, _RANGE_MIN)
-    return Row("the map", (*panels, *changes), {_LOG2: ColorRange("abfm diverging", -end, end)})
+    colors = color_range(
+        *logs.values(), areas=distortion.weights, quantity="signed", end_min=_RANGE_MIN
+    )
+    return Row("the map", (*panels, *changes), {_LOG2: colors})
 
 
 def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:

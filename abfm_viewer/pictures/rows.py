@@ -12,9 +12,11 @@ import numpy as np
 from PIL import Image
 
 from abfm import ResultError, TriangleMesh
+from abfm.calculus.operators import vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.io.sheets import Panel, Sheet, Values
-from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.color_ranges import color_range
+from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front, front_of, triple
 from abfm.tasks.task import Preview, Task
 from abfm.types import FloatArray
@@ -112,7 +114,10 @@ def row_pictures(
             ends = [f for _, one in read if one.mesh is mesh for f in one.functions[::2]]
             front, aspect = front_of(mesh, *ends, view=view), PREVIEW_SIZE[0] / PREVIEW_SIZE[1]
             cameras[mesh] = fitted(mesh.vertices, front, aspect)
-        ranges = {str(path): color_range(*one.functions[::2]) for path, one in read}
+        ranges = {
+            str(path): color_range(*functions[::2], areas=vertex_areas(mesh))
+            for path, (mesh, functions) in read
+        }
         every = [
             panels_of(mesh, str(path), dict(enumerate(functions)))
             for path, (mesh, functions) in read

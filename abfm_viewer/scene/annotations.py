@@ -6,11 +6,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import polyscope.imgui as imgui
 
 from abfm import FunctionError
+from abfm.pages.color_ranges import ticks
 from abfm.pages.colormaps import NO_VALUES, ColorRange, table
 from abfm.pages.front import triple
 from abfm.pages.sequence_motion import CRITICAL_COLORS
@@ -28,11 +30,13 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
 _STEPS = 64  # colours of a bar
+_ARROW = 0.8  # length of the arrow at a clipped end of a bar, relative to the bar's width
 # The following lengths are in pixels at a scale of 1.
 _GAP = 3  # between a bar and its texts
 _BAR_WIDTH = 200
 _BAR_HEIGHT = 12
 _BAR_GAP = 48
+TICK = 3
 _MARGIN = 18
 _GAP_BELOW = 14
 _GAP_ABOVE = 10
@@ -64,7 +68,13 @@ class Strip:
     rect: Rect
     colormap: str
     upright: bool = False
-    title: str = ""  # full title, if the written one is abbreviated
+    title: str = ""  # tooltip: the full title and values, if they are not visible
+
+
+@dataclass(frozen=True)
+class Triangle:
+    points: tuple[tuple[float, float], ...]
+    color: Color
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,7 @@ class Veil:
     color: Color
 
 
-Part = Text | Strip | Line | Disc | Veil
+Part = Text | Strip | Triangle | Line | Disc | Veil
 
 
 @dataclass(frozen=True)
@@ -103,39 +113,68 @@ class Pen:
     line: float  # height of a line of text
     width: Callable[[str], float]  # of a text
     inks: Palette
-    tick: float = 0.0  # length of a tick, or 0; with ticks, bars have outlines and round numbers
+    tick: float  # length of the ticks of colour bars
 
 
 def bar_parts(
     title: str, colors: ColorRange, rect: Rect, pen: Pen, upright: bool = False
 ) -> list[Part]:
-    """Lay out a colour bar: title above and numbers below, or upright with numbers at the right."""
+    """Lay out a colour bar: title above and numbers below, or upright with numbers at the right.
+
+    An arrow points beyond each end where values are clipped.
+    """
     left, top, right, bottom = rect
     gap, inks = _GAP * pen.scale, pen.inks
-    is_abbreviated = not upright and pen.width(title) > right - left
-    found: list[Part] = [Strip(rect, colors.colormap, upright, title if is_abbreviated else "")]
-    if pen.tick:
-        outline = ((left, top), (right, top), (right, bottom), (left, bottom), (left, top))
-        found.append(Line(outline, inks.ink, pen.scale))
+    shown_title = title if upright else abbreviated(title, right - left, pen.width)
+    tip = _bar_tip(title, shown_title, colors)
+    found: list[Part] = [Strip(rect, colors.colormap, upright, tip)]
+    arrows = _arrows(colors, rect, upright)
+    found += filter(None, arrows)
+    before, after = ([arrow.points[1]] if arrow else [] for arrow in arrows)
+    corners = [(left, top), *before, (left, bottom), (right, bottom), *after, (right, top)]
+    if upright:
+        corners = [(left, top), *after, (right, top), (right, bottom), *before, (left, bottom)]
+    found.append(Line((*corners, corners[0]), inks.ink, pen.scale))
     if not upright:
-        title = abbreviated(title, right - left, pen.width)
-        indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
-        found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
+        indent = (right - left - pen.width(shown_title)) / 2
+        found.append(Text(left + indent, top - gap - pen.line, shown_title, inks.muted))
     length = bottom - top if upright else right - left
     for value in _numbers(colors, length, pen, upright):
-        text = f"{value:.4g}" if pen.tick else f"{value:.3g}"
+        text = f"{value:.4g}"
         along = (value - colors.low) / (colors.high - colors.low) * length
         x, y = (right, bottom - along) if upright else (left + along, bottom)
         end = (x + pen.tick, y) if upright else (x, y + pen.tick)
-        if pen.tick:
-            found.append(Line(((x, y), end), inks.ink, pen.scale))
+        found.append(Line(((x, y), end), inks.ink, pen.scale))
         if upright:
             found.append(Text(x + 2 * pen.tick, y - pen.line / 2, text, inks.ink))
-            continue
-        start = x - pen.width(text) / 2
-        if not pen.tick:
-            start = min(max(start, left), right - pen.width(text))
-        found.append(Text(start, bottom + max(pen.tick, gap), text, inks.ink))
+        else:
+            start = x - pen.width(text) / 2
+            found.append(Text(start, bottom + max(pen.tick, gap), text, inks.ink))
+    return found
+
+
+def _bar_tip(title: str, shown: str, colors: ColorRange) -> str:
+    if any(colors.clipped):
+        low, high = colors.full
+        return f"{title}: values from {low:.4g} to {high:.4g}"
+    return "" if title == shown else title
+
+
+def _arrows(colors: ColorRange, rect: Rect, upright: bool = False) -> list[Triangle | None]:
+    """Return the arrows beyond the low and the high end of a bar; None where nothing is clipped."""
+    left, top, right, bottom = rect
+    size, middle = (right - left, (left + right) / 2) if upright else (bottom - top, 0.0)
+    found: list[Triangle | None] = []
+    for is_clipped, is_high in zip(colors.clipped, (False, True), strict=True):
+        at, sign = (right if is_high else left), (1 if is_high else -1)
+        base = at - sign  # overlaps the bar by a pixel
+        points = ((base, top), (at + sign * _ARROW * size, (top + bottom) / 2), (base, bottom))
+        if upright:
+            at = top if is_high else bottom
+            base = at + sign
+            points = ((left, base), (middle, at - sign * _ARROW * size), (right, base))
+        color = (*triple(table(colors.colormap, _STEPS)[-1 if is_high else 0]), 1.0)
+        found.append(Triangle(points, color) if is_clipped else None)
     return found
 
 
@@ -165,7 +204,8 @@ def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> 
         found += [
             Text(left, top, title, inks.muted),
             Text(begin, top, low, inks.ink),
-            Strip(strip, colors.colormap, title="" if title == full_title else full_title),
+            Strip(strip, colors.colormap, title=_bar_tip(full_title, title, colors)),
+            *filter(None, _arrows(colors, strip)),
             Text(stop - pen.width(high), top, high, inks.ink),
         ]
         left = stop + separation
@@ -173,29 +213,15 @@ def bars_in_one_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> 
 
 
 def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Return the numbers next to a colour bar: round ones at ticks, or without ticks its ends."""
-    low, high = colors.low, colors.high
-    if pen.tick:
-        values = ticks(low, high)
-        step = values[1] - values[0]
-        widest = max(pen.width(f"{value:.4g}") for value in values)
-        needed = pen.line if upright else widest + pen.line / 2
-        every = math.ceil(needed * (high - low) / (step * length))
-        if found := [value for value in values if round(value / step) % every == 0]:
-            return found
-    ends = [low, (low + high) / 2, high]
-    first, middle, last = (pen.width(f"{value:.3g}") for value in ends)
-    is_crowded = (length - middle) / 2 < max(first, last) + pen.line / 2
-    return ends[::2] if is_crowded else ends
-
-
-def ticks(low: float, high: float) -> list[float]:
-    """Return three to seven round numbers between two values."""
-    rough = (high - low) / 6
-    power = 10 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= rough)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [step * k for k in range(first, last + 1)]
+    """Return the round numbers next to a colour bar, as many as fit, and if possible two."""
+    values = ticks(colors.low, colors.high)
+    step = values[1] - values[0]
+    widest = max(pen.width(f"{value:.4g}") for value in values)
+    needed = pen.line if upright else widest + pen.line / 2
+    every = math.ceil(needed * (colors.high - colors.low) / (step * length))
+    found = [value for value in values if round(value / step) % every == 0]
+    two_fit = (values[-1] - values[0]) / (colors.high - colors.low) * length >= needed
+    return found if len(found) > 1 or not two_fit else [values[0], values[-1]]
 
 
 def bars_height(pen: Pen, height: float) -> float:
@@ -303,7 +329,11 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
 
 def window_pen(ui: Ui) -> Pen:
     line = imgui.GetTextLineHeight()
-    return Pen(ui.scale, line, lambda text: float(imgui.CalcTextSize(text)[0]), ui.colors)
+    return Pen(ui.scale, line, _width, ui.colors, TICK * ui.scale)
+
+
+def _width(text: str) -> float:
+    return float(imgui.CalcTextSize(text)[0])
 
 
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
@@ -317,19 +347,26 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
             canvas.AddRectFilled(one.rect[:2], one.rect[2:], _u32(one.color))
         elif isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
+        elif isinstance(one, Triangle):
+            canvas.AddTriangleFilled(*one.points, _u32(one.color))
         elif isinstance(one, Line):
             for start, end in pairwise(one.points):
                 canvas.AddLine(start, end, _u32(one.color), one.width)
-        elif isinstance(one, Disc) and one.hole:
-            width = one.radius - one.hole
-            canvas.AddCircle(one.centre, one.hole + width / 2, _u32(one.color), 0, width)
         elif isinstance(one, Disc):
-            canvas.AddCircleFilled(one.centre, one.radius, _u32(one.color))
-        elif isinstance(one, Strip):
-            left, top, right, bottom = one.rect
-            edges = np.linspace(left, right, _STEPS + 1)
-            for color, start, end in zip(_shades(one.colormap), edges[:-1], edges[1:], strict=True):
-                canvas.AddRectFilled((start, top), (end + 0.5, bottom), color)
+            width = one.radius - one.hole
+            if one.hole:
+                canvas.AddCircle(one.centre, one.hole + width / 2, _u32(one.color), 0, width)
+            else:
+                canvas.AddCircleFilled(one.centre, one.radius, _u32(one.color))
+        else:
+            _draw_strip(canvas, one)
+
+
+def _draw_strip(canvas: Any, strip: Strip) -> None:
+    left, top, right, bottom = strip.rect
+    edges = np.linspace(left, right, _STEPS + 1)
+    for color, start, end in zip(_shades(strip.colormap), edges[:-1], edges[1:], strict=True):
+        canvas.AddRectFilled((start, top), (end + 0.5, bottom), color)
 
 
 def show_full_title(scene: Scene, parts: Sequence[Part], pen: Pen) -> None:

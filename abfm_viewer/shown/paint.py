@@ -7,17 +7,17 @@ drawn here.
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
+from abfm.pages.color_ranges import Quantity, color_range
 from abfm.pages.colormaps import (
     NO_VALUES,
     ColorRange,
-    color_range,
     for_background,
     place_colors,
 )
@@ -31,7 +31,6 @@ from abfm_viewer.shown.shown import Shown
 
 COMPUTING_SUFFIX = ": computing"  # suffix of the title of a surface whose values are being computed
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
-_RANGE_MIN = 1e-12
 _RANGE_TOLERANCE = 0.02  # share of the range; values farther outside are noted in the title
 # titles of the colour bars if the functions on A and B have different units
 _UNIT_OF_A_TITLE = "function on A, in its own unit"
@@ -64,7 +63,7 @@ class Painter:
         self._shown, self._session = shown, shown.session
         self._memos: dict[str, Memo[Paint]] = defaultdict(Memo)
         self._unknowns: dict[str, Memo[BoolArray | None]] = defaultdict(Memo)
-        self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
+        self._ranges: dict[str, Memo[ColorRange]] = defaultdict(Memo)
 
     def paint(self, name: str) -> Paint | None:
         """Return the paint of a surface, such as "advected"; None until its values are known."""
@@ -129,13 +128,9 @@ class Painter:
             return None
         if session.work.flow_values("target") is session.values("target"):
             return self._function(side, on_a, title, colors)
-        inputs = (on_a, *self._appearance)
-        colors = self._range_on_a.get(inputs, lambda: self._range_of(on_a))
+        areas = abfm.calculus.vertex_areas(session.surface("source").mesh)
+        colors = self._range("on A", on_a, areas=areas)
         return self._function(side, on_a, title, colors, _UNIT_OF_A_TITLE)
-
-    def _range_of(self, *functions: FloatArray) -> ColorRange:
-        colors = color_range(*functions)
-        return self._ranged(colors.low, colors.high, colors.colormap)
 
     def _without_values(self, name: str) -> Paint:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
@@ -218,16 +213,18 @@ class Painter:
         values = self._shown.quantities.scalar()
         if values is None:
             return None
-        top = max(float(np.percentile(np.abs(values), 99.5)), _RANGE_MIN)
-        return self._function("advected", values, title, self._ranged(-top, top), kind)
+        areas = abfm.calculus.vertex_areas(self._session.surface().mesh)
+        colors = self._range("field", values, areas=areas, quantity="signed")
+        return self._function("advected", values, title, colors, kind)
 
     def _speed(self, field: Field, title: str) -> Paint:
         """Return the paint of a field's speed, in a unit in which single precision suffices."""
 
         def make() -> Paint:
             values, unit = field.relative_speed()
-            top = max(float(values.max()), _RANGE_MIN)
-            return Paint("face values", values, title, self._ranged(0.0, top), f"speed, in {unit}")
+            areas = abfm.calculus.face_areas(field.mesh)
+            colors = self._range("field", values, areas=areas, quantity="magnitude")
+            return Paint("face values", values, title, colors, f"speed, in {unit}")
 
         return self._memos["advected"].get((field, title, *self._appearance), make)
 
@@ -241,9 +238,9 @@ class Painter:
 
         def make() -> Paint:
             values = np.log2(np.clip(source, 1e-6, 1e6))
-            top = max(_percentile_95(np.abs(values), abfm.calculus.face_areas(mesh)), 0.05)
             bar = "area change, log2" if of_area else "ratio of stretches, log2"
-            colors = self._ranged(-top if of_area else 0.0, top)
+            areas, quantity = abfm.calculus.face_areas(mesh), "signed" if of_area else "magnitude"
+            colors = self._range("field", values, areas=areas, quantity=quantity, end_min=0.05)
             return Paint("face values", values, title, colors, bar)
 
         return self._memos["advected"].get((source, title, *self._appearance), make)
@@ -316,8 +313,9 @@ class Painter:
                 return Paint("vertex values", values, title, colors, self._bar, unknown=unknown)
             is_of_faces = compared.kind == "areas"
             areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
-            top = max(_percentile_95(np.abs(values), areas(session.surface().mesh)), _RANGE_MIN)
-            ranged = self._ranged(-top if compared.kind == "difference" else 0.0, top)
+            quantity: Quantity = "signed" if compared.kind == "difference" else "magnitude"
+            of = areas(session.surface().mesh)
+            ranged = self._range("compared", values, areas=of, quantity=quantity)
             kind: PaintKind = "face values" if is_of_faces else "vertex values"
             return Paint(kind, values, title, ranged, title, unknown=unknown)
 
@@ -350,9 +348,12 @@ class Painter:
 
         def make() -> Paint:
             error = np.abs(target - advected)
-            top = max(float(error.max()) if fixed is None else fixed, _RANGE_MIN)
-            bar = f"|target - advected|, at most {top:.3g}"
-            of = error, title, self._ranged(0.0, top), bar
+            areas = abfm.calculus.vertex_areas(self._session.surface().mesh)
+            colors = self._range("error", error, areas=areas, quantity="magnitude")
+            if fixed is not None:
+                colors = replace(colors, high=fixed or 1.0, maximum=fixed)
+            bar = f"|target - advected|, at most {colors.full[1]:.3g}"
+            of = error, title, colors, bar
             return Paint("vertex values", *of, unknown=unknown)
 
         inputs = target, advected, *self._appearance, fixed, title, unknown
@@ -365,18 +366,37 @@ class Painter:
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        inputs, values = self._session.document.color_range_values(source, target)
-        return self._range.get((*inputs, *self._appearance), lambda: self._range_of(*values()))
+        session = self._session
+        key, values = session.document.color_range_values(source, target)
+        surfaces = (
+            session.surface(side if given is session.values(side) else "advected")
+            for side, given in zip(SIDES, (source, target), strict=True)
+        )
+        areas = [abfm.calculus.vertex_areas(surface.mesh) for surface in surfaces]
+        return self._range("function", *values(), key=key, areas=areas)
 
     @property
-    def _appearance(self) -> tuple[str, Theme]:
-        return self._session.view.colormap, self._session.view.theme
+    def _appearance(self) -> tuple[str, Theme, bool]:
+        view = self._session.view
+        return view.colormap, view.theme, view.full_range
 
-    def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:
-        colormap, theme = self._appearance
-        if colormap == "automatic":
-            colormap = automatic or ("abfm diverging" if low < 0 else "abfm sequential")
-        return ColorRange(for_background(colormap, theme == "dark"), low, high)
+    def _range(
+        self, name: str, *values: FloatArray, key: tuple[object, ...] = (), **options: Any
+    ) -> ColorRange:
+        """Return the `color_range` of values with the colour map of the view.
+
+        ``name`` and ``key``, by default the values, identify the range in the cache.
+        """
+        colormap, theme, is_full = self._appearance
+
+        def make() -> ColorRange:
+            colors = color_range(*values, is_full=is_full, **options)
+            chosen = colors.colormap if colormap == "automatic" else colormap
+            return replace(colors, colormap=for_background(chosen, theme == "dark"))
+
+        inputs = *(key or values), options.get("quantity"), *self._appearance
+        found = self._shown.ranges[name] = self._ranges[name].get(inputs, make)
+        return found
 
 
 def _labelled(title: str, is_behind: bool) -> str:
@@ -386,13 +406,7 @@ def _labelled(title: str, is_behind: bool) -> str:
 def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
     """Return a title with the range of the values, if some are beyond the range of the colours."""
     low, high = float(values.min()) + 0.0, float(values.max()) + 0.0  # no -0
-    slack = _RANGE_TOLERANCE * (colors.high - colors.low)
-    is_beyond = low < colors.low - slack or high > colors.high + slack
+    shown_low, shown_high = colors.full
+    slack = _RANGE_TOLERANCE * (shown_high - shown_low)
+    is_beyond = low < shown_low - slack or high > shown_high + slack
     return f"{title}: {low:.3g} to {high:.3g}" if is_beyond else title
-
-
-def _percentile_95(values: FloatArray, weights: FloatArray) -> float:
-    """Return the 95th percentile by area, which slivers and a few folds do not change."""
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, 0.95 * below[-1])]])

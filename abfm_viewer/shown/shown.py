@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abfm.pages.colormaps import ColorRange
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.session.session import Session
@@ -25,6 +26,8 @@ class Shown:
         self.landmarks = ShownLandmarks(session, match)
         self.tracks = ShownTracks(session)
         self.mass_transport = MassTransport(session)
+        # latest ranges of the colours: of "function", "field", "error", "compared" and "on A"
+        self.ranges: dict[str, ColorRange] = {}
 
     @property
     def quantities(self) -> FieldQuantities:

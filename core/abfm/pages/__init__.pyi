@@ -1,4 +1,4 @@
-from .colormaps import color_range as color_range
+from .color_ranges import color_range as color_range
 from .front import ViewSpec as ViewSpec
 from .front import front_of as front_of
 from .notebook import page_of as page_of

@@ -23,52 +23,37 @@ _TABLE_ENTRIES = 1024  # fine enough that steps are invisible
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK_NAMES.values()), np.split(_ROWS, 8, axis=1), strict=True))
 NO_VALUES = 0.3  # grey of unknown values, in linear light
-# percentiles of values at the ends of the colours, which exclude extreme noise
-_SHOWN_PERCENTILES = 0.2, 99.8
+_CLIPPED_MIN = 0.02  # values so far beyond an end, relative to the range, count as clipped
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # two colours in linear light
 DARK_CHECKER_COLORS = ((0.40, 0.41, 0.43), (0.06, 0.13, 0.34))
 
 
 @dataclass(frozen=True)
 class ColorRange:
+    """A colour map, the values at its ends, and the smallest and largest shown value, if known."""
+
     colormap: str
     low: float
     high: float
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @property
+    def full(self) -> tuple[float, float]:
+        """The range of all shown values, which contains this range."""
+        minimum = self.low if self.minimum is None else self.minimum
+        maximum = self.high if self.maximum is None else self.maximum
+        return min(self.low, minimum), max(self.high, maximum)
+
+    @property
+    def clipped(self) -> tuple[bool, bool]:
+        """Whether values lie beyond the low end, and beyond the high end."""
+        (low, high), slack = self.full, _CLIPPED_MIN * (self.high - self.low)
+        return low < self.low - slack, high > self.high + slack
 
 
 def for_background(colormap: str, is_dark: bool) -> str:
     return _DARK_NAMES.get(colormap, colormap) if is_dark else colormap
-
-
-def color_range(*functions: FloatArray) -> ColorRange:
-    """Return a colour map, and one range of values for all functions.
-
-    The range has all finite values. It is symmetric about 0 if values have both signs, and starts
-    at 0 if the minimum is slightly above 0.
-    """
-    known = [function[np.isfinite(function)] for function in functions]
-    low = min((float(values.min()) for values in known if values.size), default=0.0)
-    high = max((float(values.max()) for values in known if values.size), default=0.0)
-    largest = max(-low, high)
-    if min(-low, high) > 0.05 * largest:
-        return ColorRange("abfm diverging", -largest, largest)
-    if high - low <= 1e-12 * max(largest, 1e-300):
-        # 0.5 is rounded away next to large numbers, but a colour bar needs a length
-        margin = max(0.5, 1e-12 * largest)
-        return ColorRange("abfm sequential", low - margin, high + margin)
-    is_almost_0 = -1e-9 * largest < low < 0.02 * largest
-    return ColorRange("abfm sequential", 0.0 if is_almost_0 else low, high)
-
-
-def without_extremes(values: FloatArray) -> FloatArray:
-    """Return the finite values, clipped to the percentiles 0.2 and 99.8, for `color_range`."""
-    known = values[np.isfinite(values)]
-    return np.clip(known, *np.percentile(known, _SHOWN_PERCENTILES)) if known.size else known
-
-
-def typical_range(*functions: FloatArray) -> ColorRange:
-    """Return the `color_range` of functions without their extreme values."""
-    return color_range(*map(without_extremes, functions))
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:
@@ -94,10 +79,14 @@ def linear_table(colormap: str, size: int) -> FloatArray:
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
 
 
-def gradient(colormap: str) -> list[str]:
-    """Return the colours of a colour map, from low to high, as CSS colours for a gradient."""
-    colors = np.round(255 * table(colormap, _STOPS)).astype(int)
-    return [f"rgb({red} {green} {blue})" for red, green, blue in colors.tolist()]
+def gradient(colors: ColorRange) -> str:
+    """Return the CSS gradient of a colour bar, with arrows of length ``--arrow`` if clipped."""
+    rgb = np.round(255 * table(colors.colormap, _STOPS)).astype(int)
+    stops = [f"rgb({red} {green} {blue})" for red, green, blue in rgb.tolist()]
+    below, above = colors.clipped
+    stops[0] += " var(--arrow)" if below else ""
+    stops[-1] += " calc(100% - var(--arrow))" if above else ""
+    return f"linear-gradient(to right, {', '.join(stops)})"
 
 
 def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:

@@ -18,7 +18,7 @@ from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.outcome import Facts
-from abfm.pages.colormaps import color_range
+from abfm.pages.color_ranges import color_range
 from abfm.pages.front import front_of
 from abfm.pages.html import environment
 from abfm.pages.page import Layer, Page, Panel

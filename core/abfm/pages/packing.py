@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.types import FloatArray
 
-LEVELS = 4095  # number of steps between the minimum and the maximum; a colour map has 256 colours
+LEVELS = 4095  # number of steps between the ends of the colours; a colour map has 256 colours
+_LEVELS_MAX = 65534
 NO_VALUE = 65535  # number that represents an unknown value
 _COORDINATE_LEVELS = 65535  # steps along each side of the bounding box
 
@@ -34,13 +35,18 @@ class Quantized:
         return (value - self.minimum) / self.step
 
 
-def quantized(values: ArrayLike) -> Quantized:
-    """Return values (T, V) in `LEVELS` steps of their range; `NO_VALUE` if not finite."""
+def quantized(values: ArrayLike, stretch: float = 1.0) -> Quantized:
+    """Return values (T, V) in `LEVELS` steps of their range; `NO_VALUE` if not finite.
+
+    If the range is ``stretch`` times as long as that of the colours, it has as many times the
+    steps, up to the largest number.
+    """
+    levels = min(round(LEVELS * max(stretch, 1.0)), _LEVELS_MAX)
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
     minimum, maximum = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
     unit = max(abs(minimum), abs(maximum)) or 1.0  # prevents overflow of differences of huge values
-    step = (maximum / unit - minimum / unit) / LEVELS or 1.0
+    step = (maximum / unit - minimum / unit) / levels or 1.0
     numbers = np.full(given.shape, NO_VALUE, dtype=np.uint16)
     numbers[known] = np.round((given[known] / unit - minimum / unit) / step)
     return Quantized(numbers, float(minimum), float(step * unit) or 1.0)

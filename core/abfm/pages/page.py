@@ -22,6 +22,7 @@ from abfm.errors import ParameterError
 from abfm.io import write_file
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
+from abfm.pages.color_ranges import few_ticks
 from abfm.pages.colormaps import ColorRange, gradient, table
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front
@@ -43,7 +44,8 @@ class Layer:
     """Values shown by colours: (V,), or (T, V) at T increasing times.
 
     The page interpolates linearly between two times. NaN is drawn in grey. Values are stored with a
-    precision of 1/8190 of their range (``packing.LEVELS``).
+    precision of 1/8190 of the range of the colours (``packing.LEVELS``), or of 1/131068 of that of
+    all values if this is coarser.
     """
 
     name: str
@@ -216,7 +218,6 @@ class _PageData:
             "panels": panels,
             "meshes": [self._mesh(mesh) for mesh in self._meshes],
             "colormaps": [self._store.add(_bytes(name)) for name in self._colormaps],
-            "gradients": [gradient(name) for name in self._colormaps],
             "clock": _clock(self._clock),
         }
 
@@ -254,7 +255,8 @@ class _PageData:
 
     def _layer(self, layer: Layer, origin: IntArray) -> dict[str, Any]:
         values, colors = np.atleast_2d(layer.values)[:, origin], layer.colors
-        found = quantized(values)
+        low, high = colors.full
+        found = quantized(values, (high - low) / (colors.high - colors.low))
         colormap = self._colormaps.setdefault(colors.colormap, len(self._colormaps))
         times = (
             None if layer.times is None else self._relative_times(layer.times).astype(np.float32)
@@ -269,6 +271,10 @@ class _PageData:
             "name": layer.name,
             "unit": layer.unit,
             "ends": [colors.low, colors.high],
+            "gradient": gradient(colors),
+            "ticks": few_ticks(colors.low, colors.high),
+            "clipped": colors.clipped,
+            "full": colors.full,
             "low": found.position(colors.low),
             "high": found.position(colors.high),
             "minimum": found.minimum,

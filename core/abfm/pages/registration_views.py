@@ -7,7 +7,8 @@ import numpy as np
 from abfm.calculus.operators import vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.matching import Match
-from abfm.pages.colormaps import ColorRange, typical_range
+from abfm.pages.color_ranges import color_range
+from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front, front_of, triple, upward_axis
 from abfm.reading import side_of
 from abfm.registration import Correspondence, Registration
@@ -85,7 +86,7 @@ def mask_indicator(match: Match) -> FloatArray:
 
 
 def common_colors(match: Match, channel: int) -> ColorRange:
-    """Return one colour range of source and target, without masked or extreme values."""
+    """Return one colour range of source and target, without masked values."""
     shown = mask_indicator(match) > 0
     pair = match.source[shown, channel], match.target[shown, channel]
-    return typical_range(*pair)
+    return color_range(*pair, areas=vertex_areas(match.mesh)[shown])

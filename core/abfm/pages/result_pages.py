@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from abfm.calculus.operators import vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import AbfmError, one_line
 from abfm.flow import flow_lines
@@ -14,7 +15,8 @@ from abfm.maps import SurfacePoints, spread_points
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.outcome import Facts
-from abfm.pages.colormaps import ColorRange, color_range, typical_range, without_extremes
+from abfm.pages.color_ranges import color_range
+from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import front_of
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Paths
 from abfm.pages.registration_views import (
@@ -118,7 +120,7 @@ def registration_page(
 def correspondence_page(found: Correspondence, title: str, view: ViewSpec = BEST_VIEW) -> Page:
     """Return the page of a map: A with its coordinates, and B with the transferred coordinates."""
     coordinates, transferred = found.a.vertices, found.transfer(found.a.vertices)
-    colors = [color_range(values) for values in coordinates.T]
+    colors = [color_range(values, is_full=True) for values in coordinates.T]
     sides = zip(
         ("A", "A on B"),
         (found.a, found.b),
@@ -184,9 +186,9 @@ def _layers(found: Population, c: int) -> list[Layer]:
     """
     means, deviation = (found.plain_mean(c), found.mean(c)), found.deviation(c)
     name = one_line(found.channels[c].name, _NAME_LENGTH_MAX)
-    of_means = typical_range(*means)
-    largest = max(without_extremes(deviation), default=0.0)
-    of_deviation = ColorRange("abfm sequential", 0.0, float(largest) or 1.0)
+    areas = vertex_areas(found.template)
+    of_means = color_range(*means, areas=areas)
+    of_deviation = color_range(deviation, areas=areas, quantity="magnitude")
     return [
         *(Layer(name, each, of_means) for each in means),
         Layer(name, deviation, of_deviation),
@@ -202,17 +204,12 @@ def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, C
     if match.problem.is_of_landmarks:
         mesh = a or match.mesh
         return [
-            (f"{axis} of A" if a else axis, color_range(values))
+            (f"{axis} of A" if a else axis, color_range(values, is_full=True))
             for axis, values in zip("xyz", mesh.vertices.T, strict=True)
         ]
     count = min(match.source.shape[1], CHANNELS_MAX)
     names = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
-    if a is None:
-        pairs = zip(match.source.T, match.target.T, strict=True)
-        colors = [color_range(*pair) for pair in pairs]
-    else:
-        colors = [common_colors(match, c) for c in range(count)]
-    return list(zip(names, colors, strict=False))
+    return [(name, common_colors(match, c)) for c, name in enumerate(names)]
 
 
 def _moving(

@@ -15,7 +15,7 @@ from abfm.calculus.operators import vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.flow import flow_lines, straightest_geodesics, vectors_at
 from abfm.maps import SurfacePoints, spread_points
-from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.color_ranges import color_range
 from abfm.pages.front import changes_in_time, front_of
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Paths, Span
 from abfm.pages.registration_views import CHANNELS_MAX
@@ -41,7 +41,6 @@ _ARROWS_MAX = 40_000  # number of arrows in all intervals together
 _ARROW_LENGTH_MAX = 0.92  # largest length of an arrow, relative to the distance between two arrows
 _ARROW_SPEED_MIN = 0.2  # smallest drawn speed, relative to that of the longest arrow
 _ARROW_COSINE_MIN = 0.6  # smallest cosine of the angle between the surface normals along an arrow
-_COLOR_PERCENTILE = 99.5  # percentile of absolute values at the ends of the colours
 _INK_COLOR: Color = (0.11, 0.13, 0.17)
 
 
@@ -84,7 +83,7 @@ def sequence_page(
     front = front_of(mesh, view=labels.view, changes=changes_in_time(layers[0].values[:, :, None]))
     unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
     layers += [
-        _layer(name, values, sequence.middles, unit, labels.share)
+        _layer(sequence, name, values, unit, labels.share)
         for name, values in (("divergence", sequence.divergence), ("curl", sequence.curl))
     ]
     lines = [_path_lines(sequence)] if labels.share == 1 else []  # path lines are initially hidden
@@ -131,10 +130,11 @@ def frame_layers(sequence: sequences.Sequence, labels: Labels) -> tuple[list[Lay
     keys, frames, subsampling = _keys(sequence, labels.share)
     if sequence.unknown is not None:
         frames = np.where(sequence.unknown[:, None], np.nan, frames)
+    areas = vertex_areas(sequence.mesh)
     count, given = frames.shape[2], sequence.frames.shape[2]
     default_names = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
     layers = [
-        Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
+        Layer(name, frames[:, :, c], color_range(frames[:, :, c], areas=areas), keys, labels.unit)
         for c, name in enumerate([*labels.names, *default_names[len(labels.names) :]][:count])
     ]
     notes = [subsampling] if subsampling else []
@@ -148,15 +148,17 @@ def clock_of(times: Sequence[float], labels: Labels, spans: Sequence[Span] = ())
     return Clock(times[0], times[-1], seconds, labels.unit_of_time, ticks=times, spans=spans)
 
 
-def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
-    """Return a layer with a colour range that is symmetric about 0 and ignores extreme values.
+def _layer(
+    sequence: sequences.Sequence, name: str, values: FloatArray, unit: str, share: float
+) -> Layer:
+    """Return a layer of values in the middles of intervals, with a range symmetric about 0.
 
     It is subsampled in time if it exceeds ``share`` of the maximum number of values.
     """
+    colors = color_range(values, areas=vertex_areas(sequence.mesh), quantity="signed")
     stride = -(-values.size // int(share * PART_VALUES_MAX))
-    shown, bound = values[::stride], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
-    at = times[::stride] if len(shown) > 1 else None
-    return Layer(name, shown, ColorRange("abfm diverging", -bound, bound), at, unit)
+    at = sequence.middles[::stride] if len(values) > stride else None
+    return Layer(name, values[::stride], colors, at, unit)
 
 
 def _speed(sequence: sequences.Sequence, labels: Labels) -> str:

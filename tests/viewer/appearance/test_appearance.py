@@ -9,7 +9,6 @@ from scipy.interpolate import PchipInterpolator
 from abfm.pages import colormaps
 from abfm.pages.colormaps import (
     DARK_CHECKER_COLORS,
-    color_range,
     for_background,
     polyscope_name,
     table,
@@ -64,24 +63,6 @@ TEXT_CONTRAST, MARK_CONTRAST = 4.5, 3.0
 def luminance(colors):
     linear = np.where(colors <= 0.04045, colors / 12.92, ((colors + 0.055) / 1.055) ** 2.4)
     return linear @ [0.2126, 0.7152, 0.0722]
-
-
-@pytest.mark.parametrize(
-    ("minimum", "expected"), [(-0.01, ("sequential", -0.01, 1)), (-2.0, ("diverging", -2, 2))]
-)
-def test_signed_functions_have_a_symmetric_range(minimum, expected):
-    shared = color_range(np.array([0.0, 0.4]), np.array([minimum, 1.0]))
-    assert (shared.colormap, shared.low, shared.high) == (f"abfm {expected[0]}", *expected[1:])
-
-
-@pytest.mark.parametrize("value", [0.0, -3.0, 1e-300, 1e17, -1e30])
-def test_constant_is_inside_its_range(value):
-    shared = color_range(np.full(4, value))
-    assert shared.low < value < shared.high
-
-
-def test_range_from_just_above_zero_begins_at_zero():
-    assert [color_range(np.array([low, 1.0])).low for low in (0.01, 0.1)] == [0, 0.1]
 
 
 @pytest.mark.parametrize("is_dark", [False, True])

@@ -8,7 +8,8 @@ import pytest
 import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
-from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
+from abfm.pages.color_ranges import color_range
+from abfm.pages.colormaps import NO_VALUES, linear_table
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.shown import quantities as quantities_module
 from abfm_viewer.shown.colored_values import ColoredValues

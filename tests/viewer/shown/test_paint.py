@@ -11,7 +11,7 @@ from abfm.reading.labels import Labels
 from abfm_viewer.document.document import Coloring
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.paint import Painter, _percentile_95
+from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 from tests.core.fields import wavy_field
@@ -228,16 +228,6 @@ def test_speed_colors_do_not_depend_on_mesh_size(scale):
     assert paint.colors.high == paint.values.max()
     assert paint.bar == "speed, in sqrt(area) per time"
     assert np.isfinite(np.asarray(paint.values, dtype=np.float32)).all()
-
-
-def test_few_bad_faces_do_not_set_the_range():
-    """The range is the 95th percentile by area, so neither few faces nor slivers change it."""
-    values, areas = np.linspace(0, 1, 1000), np.ones(1000)
-    values[::50] = 20
-    assert _percentile_95(values, areas) == pytest.approx(0.97, abs=0.01)
-    values[::4], areas[::4] = 20, 1e-3
-    assert _percentile_95(values, areas) < 1
-    assert _percentile_95(np.zeros(5), np.ones(5)) == 0
 
 
 def test_titles_note_extrapolation_and_exceeded_range(session, shown, monkeypatch):

@@ -143,10 +143,14 @@ function drawColorBars(page, layer) {
     const label = add("label", `${panels}${shown.name}${unit}`);
     label.title = label.textContent;
     const [low, high] = shown.ends;
-    add("strip").style.backgroundImage =
-      `linear-gradient(to right, ${page.gradients[shown.colormap].join(", ")})`;
-    for (const value of [low, low / 2 + high / 2, high])
-      add("end", formatNumber(value, digitsFor(shown.ends)));
+    const [below, above] = shown.clipped;
+    const strip = add(`strip${below ? " below" : ""}${above ? " above" : ""}`);
+    strip.style.backgroundImage = shown.gradient;
+    const text = (value) => formatNumber(value, digitsFor(shown.ends));
+    if (below || above) strip.title = `Values range from ${shown.full.map(text).join(" to ")}.`;
+    bar.style.minWidth = `${4.8 * Math.max(shown.ticks.length, 3)}rem`;
+    for (const value of shown.ticks)
+      add("end", text(value)).style.left = `${(100 * (value - low)) / (high - low)}%`;
   }
 }
 
