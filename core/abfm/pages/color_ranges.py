@@ -1,9 +1,9 @@
 """Ranges of values that colours show, without a few extreme values, and round numbers in them.
 
-A range has all values of its functions, unless few of them stretch it: if it is over 4 times as
-long as that from the 2nd to the 98th percentile by area, ends far beyond these are clipped there.
-If a function differs from its median only on a small part of the surface, as a narrow Gaussian
-does, the percentiles are those of this part, so the range reaches the peak.
+A range has all values of its functions, unless it is over 4 times as long as the range from the 2nd
+to the 98th percentile by area. Then ends far beyond these percentiles are clipped there. A narrow
+Gaussian differs from its median only on a small part of the surface. The percentiles of such a
+function are those of this part, so the range reaches the peak.
 """
 
 import math
@@ -21,7 +21,9 @@ Quantity = Literal["function", "magnitude", "signed"]
 _PERCENTILES = 0.02, 0.98
 _STRETCH_MIN = 4.0  # clipped ranges are so many times as long as that of the percentiles
 _EXCESS_MIN = 0.5  # excess of a clipped end, relative to the range of the percentiles
-_AWAY_MIN = 0.1  # smallest difference from the median, relative to the range of the percentiles
+_DIFFERENCE_MIN = (
+    0.1  # smallest difference from the median, relative to the range of the percentiles
+)
 _PART_MAX = 1 / 8  # largest share of the area that is a small part of the surface
 _NOISE = 1e-9  # differences that count as rounding errors, relative to the range of all values
 _SAMPLES_MAX = 2_000_000  # values of which percentiles are computed
@@ -82,7 +84,7 @@ def _percentiles(values: FloatArray, areas: FloatArray, stride: int) -> tuple[fl
     """
     values, areas = values[::stride], areas[::stride]
     low, median, high = _quantiles(values, areas, (_PERCENTILES[0], 0.5, _PERCENTILES[1]))
-    slack = max(_AWAY_MIN * (high - low), _NOISE * float(np.ptp(values)))
+    slack = max(_DIFFERENCE_MIN * (high - low), _NOISE * float(np.ptp(values)))
     is_away = np.abs(values - median) > slack
     if is_away.any() and areas[is_away].sum() < _PART_MAX * areas.sum():
         low, high = _quantiles(values[is_away], areas[is_away], _PERCENTILES)

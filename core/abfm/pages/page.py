@@ -43,9 +43,8 @@ Color = tuple[float, float, float]  # red, green and blue in sRGB, 0 to 1
 class Layer:
     """Values shown by colours: (V,), or (T, V) at T increasing times.
 
-    The page interpolates linearly between two times. NaN is drawn in grey. Values are stored with a
-    precision of 1/8190 of the range of the colours (``packing.LEVELS``), or of 1/131068 of that of
-    all values if this is coarser.
+    The page interpolates linearly between two times. NaN is drawn in grey. The precision is
+    1/8190 of the range of the colours (``packing.LEVELS``), or 1/131068 of all values if coarser.
     """
 
     name: str
