@@ -16,7 +16,7 @@ from abfm import AbfmError
 from abfm.errors import MESSAGE_LENGTH_MAX, one_line
 from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.workers.control import CancelledError
-from abfm.workers.progress import Step, reporting_steps
+from abfm.workers.progress import Overall, Step, reporting_steps
 from abfm.workers.threads import DaemonThreads
 
 Value = TypeVar("Value")
@@ -75,7 +75,7 @@ class Latest(Generic[Value]):
         self.key: object = None  # of the finished job
         self.value: Value | None = None
         self.error = ""
-        self.step: Step | None = None  # of the running job, if it reports any
+        self.overall = Overall()  # progress of the running job
         self.retired = False
         self._at_once = at_once
         self._requested: object = None
@@ -83,6 +83,11 @@ class Latest(Generic[Value]):
         self._running: object = None
         self._has_thread = False
         self._condition = threading.Condition()
+
+    @property
+    def step(self) -> Step | None:
+        """The present step of the running job; None if it reports no steps."""
+        return self.overall.step
 
     @property
     def busy(self) -> bool:
@@ -155,7 +160,8 @@ class Latest(Generic[Value]):
         value: Value | None = None
         error = ""
         try:
-            with reporting_steps(self._set_step):
+            self.overall = Overall()
+            with reporting_steps(self.overall.update):
                 value = job()
         except BaseException as problem:  # without an error text the request would never end
             error = error_line(problem)
@@ -170,9 +176,6 @@ class Latest(Generic[Value]):
                 # a finished result that was requested again in the meantime stays
                 if not same(self._requested, self.key):
                     self.key, self.value, self.error = key, value, error
-
-    def _set_step(self, step: Step | None) -> None:
-        self.step = step
 
 
 class Jobs:

@@ -195,6 +195,10 @@ def _draw_before(context: Context) -> None:
     if (facts := session.work.expected_facts) is not None:
         note_with_help(context, _expected_text(facts), facts.tone, facts.topics)
         return
+    if (overall := session.work.overall) is not None:
+        draw_overall(ui, overall)
+        ui.note(capital(overall.detail()))
+        return
     failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")

@@ -16,7 +16,7 @@ import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
-from abfm.workers.progress import Step
+from abfm.workers.progress import Overall, phase
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.run import Process
 from abfm_viewer.document.document import SIDES, InitialMap, Landmark, MapRequest, Side
@@ -83,8 +83,9 @@ class InitialMaps:
         return self._prepared.busy
 
     @property
-    def step(self) -> Step | None:
-        return self._prepared.step if self.busy else None
+    def overall(self) -> Overall:
+        """Progress of the computation."""
+        return self._prepared.overall
 
     @property
     def error(self) -> str:
@@ -223,4 +224,5 @@ def _find_map(_: object, word: str | None, given: MapInput) -> Initial:
     """
     from abfm.registration.initial.methods import initial_map
 
-    return initial_map(word, given)
+    with phase("initial map"):
+        return initial_map(word, given)

@@ -12,7 +12,7 @@ import abfm
 from abfm import Parameters
 from abfm.types import FloatArray
 from abfm.wording import counted
-from abfm.workers.progress import Step
+from abfm.workers.progress import Overall, Step
 from abfm_viewer.computing.background import Latest, Memo, same
 from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.matching import ProblemSpec, Snapshot
@@ -122,6 +122,11 @@ class Work(ABC):
 
     @property
     def step(self) -> Step | None:
+        return None
+
+    @property
+    def overall(self) -> Overall | None:
+        """Progress of the preparation of a run, if it takes long; else None."""
         return None
 
     @property
@@ -408,12 +413,14 @@ class PairWork(MatchWork):
 
     @property
     def busy(self) -> str:
-        finding = "finding the initial map" if self.parts.initial_maps.busy else ""
-        return super().busy or finding
+        if super().busy or (overall := self.overall) is None:
+            return super().busy
+        return ", ".join(filter(None, ("finding the initial map", overall.text())))
 
     @property
-    def step(self) -> Step | None:
-        return super().step or self.parts.initial_maps.step
+    def overall(self) -> Overall | None:
+        maps = self.parts.initial_maps
+        return maps.overall if maps.busy else None
 
     @property
     def obstacle(self) -> str:

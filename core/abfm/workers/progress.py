@@ -102,6 +102,10 @@ class Step:
         """Return the step with another one around it and around its enclosing steps."""
         return replace(self, outer=self.outer.inside(outer) if self.outer else outer)
 
+    def alone(self) -> Step:
+        """Return the step without its estimates and without the steps around it."""
+        return Step(self.task, began=self.began)
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes and the present time, because clocks of processes may differ."""
         return vars(self) | {"now": time.monotonic()}

@@ -53,7 +53,8 @@ class Call(Generic[Result]):
     def result(self, on_report: Callable[[Any], object] = lambda report: None) -> Result:
         """Wait for the return value, or raise the error of the function.
 
-        Meanwhile steps and warnings of the library are reported as if they were of this thread. The
+        Meanwhile steps and warnings of the library are reported as if they were of this thread.
+        While this call waits for an earlier one, the steps of that call have no estimates. The
         control of this thread pauses and cancels the call. ``on_report`` is called with each report
         of the function (see `report`). The call is cancelled if waiting for it is interrupted.
         """
@@ -68,12 +69,13 @@ class Call(Generic[Result]):
         try:
             with control.observed_by(send) if control else nullcontext():
                 while True:
-                    _, kind, parcel = self._connection.answer(self)
+                    number, kind, parcel = self._connection.answer(self)
                     is_over = kind in ("value", "error")
                     content, _ = parcel.unpack(self.named)
                     match kind:
                         case "step":
-                            report_step(content)
+                            is_own = number == self.number
+                            report_step(content if is_own else content and content.alone())
                         case "report":
                             on_report(content)
                         case "warning":

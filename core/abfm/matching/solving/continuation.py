@@ -207,6 +207,8 @@ def _outlook(state: State) -> Plan:
     return Plan(
         state.variant.fields,
         steps=len(state.sweep.sigmas) if is_search and state.sweep is not None else 0,
+        is_clustered=levels.exact(level) != level,
+        is_exact=levels[level].cheaper is not None,
         attempts=attempts * (1.0 if schedule.is_measured else SECOND_SHARE),
         sizes=tuple(
             sizes[levels.mesh_level :][:1] if level < levels.cheapest(levels.mesh_level) else ()

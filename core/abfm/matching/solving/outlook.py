@@ -18,6 +18,8 @@ REFINED_SHARE = 0.8  # share of matches that are refined after a failed attempt,
 _STEP_ITERATIONS = 15  # of a step of the search, unless an earlier attempt had this step
 _MESH_ITERATIONS = 15  # on the mesh of the problem, after the search
 _REFINED_ITERATIONS = (100, 80, 40)  # on consecutive midpoint subdivisions
+_EXACT_ITERATIONS = 20  # without clusters of vertices
+_COST_WITHOUT_CLUSTERS = 4.0  # ratio of the time of such an iteration to that with clusters
 _LEFT_SHARE_MIN = 0.25  # least share of these iterations that are expected to remain
 _COST_EXPONENT = 1.3  # the time of an iteration grows with this power of the vertices
 _COST_OF_FIELDS = 1.5  # ratio of the time of an iteration with two fields to that with one
@@ -42,6 +44,8 @@ class Plan(NamedTuple):
 
     fields: int  # number of consecutive fields
     steps: int = 0  # remaining steps of an attempt of the search; 0 after the search
+    is_clustered: bool = False  # whether vertices form clusters
+    is_exact: bool = False  # whether the clusters of such a mesh are not used
     attempts: float = 0.0  # expected number of later attempts
     sizes: tuple[int, ...] = ()  # vertices of the problem's mesh, if a coarser one is in use
     refined: int = 0  # number of subdivisions so far
@@ -80,7 +84,8 @@ class Outlook:
             self._seconds[self._latest] += now - self._now
             self._timed[self._latest] += 1
         elif not self._timed[self._latest]:
-            self._seconds[self._latest] = _PRIOR_ITERATIONS * self._each(*self._latest)
+            cost = _COST_WITHOUT_CLUSTERS if self._plan.is_exact else 1.0
+            self._seconds[self._latest] = cost * _PRIOR_ITERATIONS * self._each(*self._latest)
             self._timed[self._latest] = _PRIOR_ITERATIONS
         self._done, self._now = self._done + 1, now
         name = "refine" if self._plan.refined else "match"
@@ -102,7 +107,10 @@ class Outlook:
         else:
             times = min(plan.refined, len(_REFINED_ITERATIONS))
             usual = _REFINED_ITERATIONS[times - 1] if times else _MESH_ITERATIONS
+            usual = _EXACT_ITERATIONS if plan.is_exact else usual
         later += max(usual - self._done, _LEFT_SHARE_MIN * usual) * each
+        if plan.is_clustered:
+            later += _EXACT_ITERATIONS * _COST_WITHOUT_CLUSTERS * each
         for size in plan.sizes:
             later += _MESH_ITERATIONS * self._each(size, fields) + _SECONDS_PER_VERTEX * size
         pairs = zip(plan.finer, _REFINED_ITERATIONS[plan.refined :], strict=False)
