@@ -26,7 +26,6 @@ _WORK_SHARE_MIN = 0.25
 _SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coarse
 _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
-_COUNTED_SHARE_MIN = 0.02  # least completed share from which the remaining time is extrapolated
 _OVERDUE_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
 _FALL_MAX = 0.1  # largest amount by which the share of a task may fall
 _RISE_MIN = 1.3  # a longer remaining time is shown from this multiple of the one before
@@ -63,7 +62,7 @@ class Step:
         if self.end is not None:
             return max(self.end - now, _OVERDUE_SHARE * (now - self.end))
         if self.done is not None:
-            return elapsed * (1 / self.done - 1) if self.done >= _COUNTED_SHARE_MIN else None
+            return elapsed * (1 / self.done - 1) if self.done > 0 else None
         if self.expected is None:
             return None
         return max(self.expected - elapsed, _OVERDUE_SHARE * (elapsed - self.expected))
