@@ -27,6 +27,7 @@ def _run(words: list[str]) -> int:
     from abfm_viewer import window
     from abfm_viewer.cli.exit_status import UsageError
     from abfm_viewer.cli.options import Parser, add_mesh_options, adder, mesh_options
+    from abfm_viewer.files.state_folder import StateFolder
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     add = adder(parser)
@@ -50,5 +51,8 @@ def _run(words: list[str]) -> int:
             raise UsageError("--array selects an array of frames; give a mesh and frames")
         what = (*what, arguments.array)
     options = mesh_options(arguments)
-    window.open_window(what, "openGL3_glfw", (1280, 800), options=options).run()
+    is_known = StateFolder().path.exists()
+    opened = window.open_window(what, "openGL3_glfw", (1280, 800), options=options)
+    opened.tour.start_once(is_asked=is_known and arguments.file is not None)
+    opened.run()
     return 0

@@ -16,20 +16,21 @@ def side_room(area: Rect, window: Rect) -> float:
     return max(area[0] - window[0], window[2] - area[2])
 
 
-def beside(item: Rect, area: Rect, window: Rect, size: Size, gap: float) -> tuple[float, float]:
+def beside(
+    item: Rect, area: Rect | None, window: Rect, size: Size, gap: float
+) -> tuple[float, float]:
     """Return the top left corner of a text of this size that explains an item of an area.
 
-    The text lies at the side of the area with more space, at the height of the item. If the area is
-    wide, the text lies above it. If there is no space either, it lies above or below the item.
+    The text lies at the side of the area with more space, at the height of the item. It lies above
+    a wide area, or else above or below the item. Without an area, the item is its own.
     """
     left, top, right, bottom = window
     width, height = size
     x = min(max(item[0], left), max(right - width, left))
     y = min(max(item[1], top), max(bottom - height, top))
-    if (
-        area[2] - area[0] <= _WIDTH_SHARE_MAX * (right - left)
-        and side_room(area, window) >= width + gap
-    ):
+    is_narrow = area is None or area[2] - area[0] <= _WIDTH_SHARE_MAX * (right - left)
+    area = area or item
+    if is_narrow and side_room(area, window) >= width + gap:
         is_left = area[0] - left > right - area[2]
         return (area[0] - gap - width if is_left else area[2] + gap), y
     for below in (area[1], item[1]):

@@ -100,7 +100,7 @@ class Actions:
     """Actions of the window, as attributes; `all` has them in the order of the list in Help.
 
     ``over`` returns the surface under the mouse, ``close`` closes the window without a question,
-    and ``search`` opens the search of actions.
+    ``search`` opens the search of actions, and ``start_tour`` starts the tour.
     """
 
     def __init__(
@@ -109,8 +109,10 @@ class Actions:
         over: Callable[[], str],
         close: Callable[[], None],
         search: Callable[[], None],
+        start_tour: Callable[[], None],
     ) -> None:
         self.context, self._over, self._close = context, over, close
+        self.start_tour = start_tour
         self._waiting: Action | None = None
         self._last_box = ""  # text box that gets the keyboard back after a save
         self._session, self._files, self._dialogs = context.session, context.files, context.dialogs

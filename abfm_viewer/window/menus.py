@@ -197,6 +197,8 @@ def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str,
 
 
 def _help(ui: Ui, actions: Actions) -> None:
+    if menu_item(ui, "Tour"):
+        actions.start_tour()
     _items(ui, {"Search actions...": actions.search, "Shortcuts": actions.show_shortcuts})
     if menu_item(ui, "Messages"):
         actions.show_messages()

@@ -50,6 +50,7 @@ from abfm_viewer.window.recovery import Recoveries
 from abfm_viewer.window.samples import SampleTextures
 from abfm_viewer.window.search import Search
 from abfm_viewer.window.session_preferences import SessionPreferences
+from abfm_viewer.window.tour import PANEL, SCENE, TIME_BAR, Tour
 from abfm_viewer.window.window_title import WindowTitle
 
 _SECONDS_PER_FRAME = 1 / 30
@@ -156,7 +157,10 @@ class Window(Context):
         super().__init__(session, state)
         self.session_preferences = SessionPreferences(session, self.preferences)
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
-        self.actions = Actions(self, lambda: self.mouse.over, self._end, lambda: self.search.open())
+        self.search, self.tour = Search(self, self._draw_unseen), Tour(self)
+        self.mouse = Mouse()
+        over, search = (lambda: self.mouse.over), self.search.open
+        self.actions = Actions(self, over, self._end, search, self.tour.start)
         self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0  # number of drawn frames
         self.errors: dict[str, str] = {}  # of the latest frame, by part of the window
@@ -183,10 +187,8 @@ class Window(Context):
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
         self.supersampling = Supersampling(backend == opengl.WINDOW)
-        self.mouse = Mouse()
         self.title = WindowTitle()
         self.sample_textures = SampleTextures()
-        self.search = Search(self, self._draw_unseen)
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -310,6 +312,8 @@ class Window(Context):
         if keys_are_free:
             self.guarded("keyboard", self.actions.do_pressed)
         self.guarded("search", self.search.update)
+        targets = {SCENE: parts.scene, TIME_BAR: parts.time_bar, PANEL: parts.panel}
+        self.guarded("tour", self.tour.draw, targets)
         if is_live:
             self.errors = {part: self.errors[part] for part in self.errors if part in self._drawn}
             self._drawn.clear()

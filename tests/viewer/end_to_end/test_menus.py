@@ -241,6 +241,7 @@ def use_entries_and_shortcuts(gui, monkeypatch):
         gui.click("Close", within="About abfm" if entry == "About" else entry)
         assert not gui.window.dialogs.is_open
     search_actions(gui)
+    take_the_tour(gui)
     for entry in ("Export picture...", "Export movie...", "Export data..."):
         gui.click("Look")
         gui.menu("File", entry)
@@ -255,6 +256,40 @@ def use_entries_and_shortcuts(gui, monkeypatch):
             called.clear()
             gui.key(chord)
             assert called == [action], chord
+
+
+def take_the_tour(gui):
+    """Continue by doing a step, and by Next; no card covers its target."""
+    window, tour, begun = gui.window, gui.window.tour, gui.session.view
+    gui.menu("Help", "Tour")
+    assert window.preferences.get("tour_seen")
+    tour.start_once(is_asked=False)  # the user has seen it
+    gui.input.drag((100, 200), (130, 210))
+    gui.frames(2)
+    assert gui.session.view.viewpoint != begun.viewpoint
+    assert gui.text_of("Functions", kind="tab") == "open"
+    assert tour.title == "Two functions"
+    titles = []
+    while tour.title != "Find everything":
+        titles.append(tour.title)
+        gui.click("Next", within="tour")
+        gui.frames(2)
+        inner, target = tour.place, tour.target
+        apart = inner[2] <= target[0] or target[2] <= inner[0]
+        assert apart or inner[3] <= target[1] or target[3] <= inner[1], tour.title
+    assert len(titles) == len({*titles}) == 6
+    gui.key("f1")
+    gui.click("Close", within="Shortcuts")
+    assert tour.title == ""
+    gui.menu("Help", "Tour")
+    gui.click("Skip tour")
+    assert tour.title == ""
+    tour.start()
+    for _ in range(7):
+        gui.click("Next", within="tour")
+    gui.click("Done")
+    assert tour.title == ""
+    gui.session.editor.set_view("look from the front", viewpoint=None)
 
 
 def search_actions(gui):
