@@ -155,7 +155,6 @@ class Matching:
 
     def __init__(self, run: Run[Any]) -> None:
         self.follow = True  # whether a change of the problem during a run restarts it
-        self.warm = False  # whether a new run starts from the current field instead of zero
         self.running = False  # whether the current run is a match
         self.problem: ProblemSpec | None = None  # the newest problem
         self.snapshot: Snapshot | None = None  # may be read at any time

@@ -357,9 +357,7 @@ class Document:
 
     match_label: ClassVar[str] = "Match"
     """Label of the button that starts a run."""
-    match_tip: ClassVar[str] = (
-        f"Find the field whose flow advects the source to the target ({hint('match')})."
-    )
+    match_tip: ClassVar[str] = "Find the field whose flow advects the source to the target."
     """Tooltip of the button that starts a run."""
     cancel_tip: ClassVar[str] = (
         f"End the run and keep the best field so far ({hint('cancel')}). Continue resumes from it."

@@ -17,6 +17,7 @@ KEYS: Mapping[str, str] = {
     "place landmarks": "M",
     "remove landmark": "Delete or Backspace",
     "match": "Ctrl+Enter",
+    "match otherwise": "Ctrl+Shift+Enter",
     "pause": "P",
     "cancel": "Esc",
     "smoother": "Up",

@@ -329,9 +329,7 @@ class SequenceDocument(Document):
     """A sequence of frames, and the settings with which all its intervals are matched."""
 
     match_label: ClassVar[str] = "Match all frames"
-    match_tip: ClassVar[str] = (
-        f"Find the fields that advect each frame to the next, all in one run ({hint('match')})."
-    )
+    match_tip: ClassVar[str] = "Find the fields that advect each frame to the next, all in one run."
     cancel_tip: ClassVar[str] = (
         f"End the run and keep the fields found so far ({hint('cancel')}). The next run resumes "
         "from them."

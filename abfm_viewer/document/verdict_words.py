@@ -12,12 +12,12 @@ SOLVING_PHASES = ("match", "refine")  # phases whose iterations are reported
 
 
 def residual_text(now: abfm.matching.Iteration) -> str:
-    """Return the residual of an iterate: ``residual 0.31``.
+    """Return the residual of an iterate: ``residual 31%``.
 
     If only landmarks are matched, return their largest error: ``farthest landmark 3.1% away``.
     """
     if not now.is_of_landmarks:
-        return f"residual {now.residual:.3g}"
+        return f"residual {share(now.residual)}"
     from abfm.matching.terms.landmarks import error_of
 
     return f"farthest landmark {share(error_of(now.residual))} away"
@@ -33,7 +33,7 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
 
 
 def numbers_text(match: abfm.Match) -> str:
-    """Return both residuals of a match: ``Residual 0.012, 0.03 along flow lines``.
+    """Return both residuals of a match: ``Residual 1.2%, 3% along flow lines``.
 
     If only landmarks were matched, return the share of folded faces, or an empty text if it is
     unknown.

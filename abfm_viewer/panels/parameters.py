@@ -17,7 +17,7 @@ from abfm.parameters import (
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import draw_help
-from abfm_viewer.panels.solver import draw_switches
+from abfm_viewer.panels.solver import draw_switch
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import section
 from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui
@@ -125,7 +125,7 @@ def draw(context: Context) -> None:
     draw_help(context, *_MAIN_PARAMETERS, name="Explain parameters")
     for name in _MAIN_PARAMETERS:
         _control(ui, session, name)
-    draw_switches(ui, session)
+    draw_switch(ui, session)
     with section(ui, "Advanced", False) as is_open:
         if is_open:
             unused = {"substeps", "quadrature"} if parameters.paper.gradient == "adjoint" else set()

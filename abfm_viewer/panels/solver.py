@@ -9,17 +9,17 @@ import polyscope.imgui as imgui
 
 import abfm
 from abfm.outcome import Facts, Outcome, WarningTopic
-from abfm.wording import capital, counted, sentence
+from abfm.wording import capital, counted, sentence, share
 from abfm.workers.progress import Overall, Step
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
-from abfm_viewer.document.keyboard import with_key
+from abfm_viewer.document.keyboard import hint, with_key
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import OUTCOME, draw_help, note_with_help
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.containers import Fits, child
+from abfm_viewer.widgets.containers import Fits, child, menu_button, menu_item
 from abfm_viewer.widgets.toolkit import Ui
 
 # minimum height of the state, so that the parts below seldom move: six lines of text, or four
@@ -31,14 +31,16 @@ _SIDE_SHARE = 0.3
 _DETAIL_SECONDS = 1.0  # a step of this duration is shown instead of the stage
 _BAR_HEIGHT = 8  # of progress bars, as on cards; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
-_WARM_START_LABEL = "from the current field"
-_FOLLOW_TIP = (
-    "During a run, a changed parameter or function restarts the solver from its current field. A "
-    "new smoothness applies when the mouse button is released."
-)
-_WARM_TIP = (
-    "Match starts from the current result instead of zero, with σ at its last value. Use it after "
-    "small changes, but not if the solver was stuck."
+_START_MENU = "start options"
+_FOLLOW_TIPS = {
+    "follow changes": "A changed function or parameter applies at once: the run continues from its "
+    "current field. A new smoothness applies when the mouse button is released.",
+    "ignore changes": "Changed functions and parameters apply to the next match.",
+}
+_AGAIN_TIP = "Match the current functions with the current parameters, from zero."
+_CONTINUE_TIP = (
+    "Start from the field of the result, with σ at its last value. Use it after an interrupted run "
+    "or small changes, but not if the solver was stuck."
 )
 
 
@@ -83,14 +85,26 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     solver = session.solver
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
-    tip = document.match_tip
-    if session.result is not None and not session.matching.warm:
-        tip += " It starts from zero."
+    has_result, continues = session.result is not None, session.continues
+    tips = _AGAIN_TIP if has_result else document.match_tip, _CONTINUE_TIP
+    tip = with_key(tips[has_result and continues], "match")
+    other_tip = with_key(tips[not continues], "match otherwise")
     if replacing:
         tip = f"{replacing} will replace {document.name}. Wait, or cancel it."
-    ready = not (session.solver.running or session.obstacle or replacing)
-    if ui.button(document.match_label, tip, primary=True, enabled=ready, width=-others):
-        session.match()
+    arrow = imgui.GetFrameHeight() + ui.px(2)
+    label = f"{session.match_label}##{document.match_label}"
+    if ui.button(label, tip, primary=True, enabled=session.can_match, width=-others - arrow):
+        session.match(continues)
+    ui.same_line(ui.px(2))
+    enabled, other = session.can_match_otherwise, session.other_match_label
+    with menu_button(ui, _START_MENU, f"{other}.", enabled) as is_open:
+        if is_open:
+            if menu_item(ui, session.match_label, hint("match")):
+                session.match(continues)
+            ui.tip(tip)
+            if menu_item(ui, other, hint("match otherwise")):
+                session.match(not continues)
+            ui.tip(other_tip)
     ui.same_line()
     label, tip = "Pause", with_key("Pause the solver.", "pause")
     if solver.paused:
@@ -102,12 +116,11 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
         solver.cancel()
 
 
-def draw_switches(ui: Ui, session: Session) -> None:
-    matching, label = session.matching, "restart on changes##Restart on changes"
-    matching.follow = ui.checkbox(label, matching.follow, _FOLLOW_TIP)
-    ui.same_line_if_fits(_WARM_START_LABEL)
-    label = f"{_WARM_START_LABEL}##Start from the current field"
-    matching.warm = ui.checkbox(label, matching.warm, _WARM_TIP)
+def draw_switch(ui: Ui, session: Session) -> None:
+    matching, (follow, wait) = session.matching, _FOLLOW_TIPS
+    now = follow if matching.follow else wait
+    tip = "What a changed function or parameter does during a run."
+    matching.follow = ui.combo("during a run", now, _FOLLOW_TIPS, tip) == follow
 
 
 def _draw_progress(ui: Ui, session: Session) -> None:
@@ -122,7 +135,7 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     residual = verdict_words.residual_text(now)
     best = snapshot.shown.residual
     has_better = best < now.residual and not now.is_of_landmarks
-    earlier = f", best {best:.3g}" if has_better else ""
+    earlier = f", best {share(best)}" if has_better else ""
     ui.note(f"Iteration {now.iteration}, {residual}{earlier}")
     ui.note(capital(overall.detail(_DETAIL_SECONDS) or verdict_words.stage_text(now)))
     if now.warning:
@@ -217,7 +230,9 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
     ui.note(capital(facts.short_headline), tone, ui.room_before_help)
     ui.tip(tip)
     draw_help(context, *facts.topics, name=OUTCOME)
-    if steps := len(result.energy_history) - 1:  # their number follows on the same line if it fits
+    runs = session.editor.draft.runs  # the plot shows the last one
+    steps = runs[-1].iterations if runs else len(result.energy_history) - 1
+    if steps:  # their number follows on the same line if it fits
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         start = end - ui.text_width(text) - ui.px(2)
@@ -263,13 +278,16 @@ def _draw_compared(context: Context, compared: Comparison) -> None:
 
 
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
-    was_interrupted, verdict = result.stop_reason.is_interrupted, result.verdict
+    if session.outdated:
+        if session.obstacle:
+            ui.note(sentence(session.obstacle), "failure")
+        return
+    verdict = result.verdict
     # if the complete map is the cause, no other flow helps
-    remedies = verdict.remedies if facts.outcome is verdict.kind else ()
+    offered = verdict.remedies if facts.outcome is verdict.kind else ()
+    # the primary button continues
+    remedies = [each for each in offered if each.parameters or not each.starts_from_field]
     with ui.group("verdict"):
-        if session.outdated:
-            _draw_again(ui, session, was_interrupted)
-            return
         for number, remedy in enumerate(remedies):
             if number:
                 ui.same_line_if_fits(remedy.label, is_button=True)
@@ -279,34 +297,12 @@ def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -
             if remedies:
                 ui.same_line_if_fits(LIMIT, is_button=True)
             draw_limit(ui, session, primary=True)
-        # results of copied runs have no remedies
-        if not remedies and was_interrupted:
-            _draw_continue(ui, session)
     has_button, advice = bool(remedies) or distorts, facts.advice
     if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
         ui.note(f"Advice: {advice}.")
-    elif was_interrupted:
-        ui.note("Continue resumes the match. Match starts again.")
 
 
 def _distorts(facts: Facts) -> bool:
     """Return whether a result is good, but changes areas so much that a bound is recommended."""
     log2 = facts.numbers.get("log2_area_95")
     return facts.outcome.is_good and log2 is not None and log2 > abfm.matching.LOG2_AREA_GOOD
-
-
-def _draw_again(ui: Ui, session: Session, was_interrupted: bool) -> None:
-    tip = "Match the current functions with the current parameters."
-    if ui.button("Match again", tip, enabled=not session.obstacle):
-        session.match()
-    if was_interrupted:
-        ui.same_line_if_fits("Continue", is_button=True)
-        _draw_continue(ui, session)
-    if session.obstacle:
-        ui.note(sentence(session.obstacle), "failure")
-
-
-def _draw_continue(ui: Ui, session: Session) -> None:
-    tip = "Resume the match from its field."
-    if ui.button("Continue", tip, enabled=not session.obstacle):
-        session.match(from_current_field=True)

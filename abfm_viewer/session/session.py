@@ -227,11 +227,36 @@ class Session(Parts):
         if (placed := self.work.on_flow(slot, point)) is not None:
             self.editor.add_point(kind, placed)
 
-    def match(self, from_current_field: bool | None = None) -> None:
+    @property
+    def continues(self) -> bool:
+        """Whether the result is unfinished, so that the next run usually continues from it."""
+        return self.work.continues
+
+    @property
+    def can_match(self) -> bool:
+        return not (self.solver.running or self.obstacle or self.loading.replacing)
+
+    @property
+    def can_match_otherwise(self) -> bool:
+        return self.can_match and self.result is not None
+
+    @property
+    def match_label(self) -> str:
+        """Name of the usual next run: Match, Match again or Continue."""
+        if self.continues:
+            return "Continue"
+        has_result = self.result is not None
+        return "Match again" if has_result else self.document.match_label
+
+    @property
+    def other_match_label(self) -> str:
+        """Name of the run with the other start than that of `match_label`."""
+        return "Match from zero" if self.continues else "Continue from the current field"
+
+    def match(self, from_current_field: bool = False) -> None:
         """Start a run of the solver, unless one is running; if it cannot start, show the reason.
 
-        If ``from_current_field`` is true, the run starts from the field of the result, otherwise
-        from zero. None means the setting of the switch "from the current field".
+        If ``from_current_field``, the run starts from the field of the result, otherwise from zero.
         """
         if self.solver.running:
             return

@@ -26,7 +26,7 @@ from abfm_viewer.session.initial_maps import PreparedMap
 from abfm_viewer.session.notices import RUN, Remedies
 from abfm_viewer.session.parts import Parts
 
-Start = Callable[[bool | None], None]  # starts a run, as `Session.match` does
+Start = Callable[[bool], None]  # starts a run, as `Session.match` does
 _STREAK_FACES_MAX = 50_000  # on larger meshes, where streaks take 2 s, a match is shown by arrows
 
 
@@ -68,7 +68,7 @@ class MatchRun:
         if replaced:
             solver.forget()
             return
-        again: Remedies = {"Try again": partial(self._start, None)}
+        again: Remedies = {"Try again": partial(self._start, False)}
         if match is not None:
             again = {
                 "Continue": partial(self._start, True),
@@ -185,8 +185,13 @@ class Work(ABC):
         """Return the specs (texts) of default functions, None if unknown, and an error or ""."""
         return None, ""
 
+    @property
+    def continues(self) -> bool:
+        """Whether the result is unfinished, so that the next run usually continues from it."""
+        return False
+
     @abstractmethod
-    def start(self, from_current_field: bool | None) -> None:
+    def start(self, from_current_field: bool) -> None:
         """Start a run from the current field or from zero, as described in `Session.match`."""
 
     @abstractmethod
@@ -237,6 +242,14 @@ class MatchWork(Work):
 
         problem = document.parameters, document.map_request
         return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
+
+    @property
+    def continues(self) -> bool:
+        if (match := self.document.result) is None or self.outdated:
+            return False
+        remedies = match.verdict.remedies
+        is_advised = any(each.starts_from_field and not each.parameters for each in remedies)
+        return is_advised or match.stop_reason.is_interrupted
 
     def values(self, side: Side) -> FloatArray | None:
         if self.document.active is None:
@@ -339,13 +352,12 @@ class MatchWork(Work):
         found = self._defaults.request(meshes, choose)
         return found, self._defaults.error if same(self._defaults.key, meshes) else ""
 
-    def start(self, from_current_field: bool | None) -> None:
+    def start(self, from_current_field: bool) -> None:
         parts = self.parts
         self.take_usual_parameters()
         field, document = None, self.document
-        warm = parts.matching.warm if from_current_field is None else from_current_field
         result, mesh = document.result, document.surface().mesh
-        if warm and result is not None and result.mesh.digest == mesh.digest:
+        if from_current_field and result is not None and result.mesh.digest == mesh.digest:
             field = result.start_for(document.parameters)
         parts.player.playing = False
         parts.editor.amend(time=document.parameters.tau)
@@ -477,7 +489,12 @@ class SequenceWork(Work):
     def progress(self) -> str:
         return self.parts.sequence_match.progress_text
 
-    def start(self, from_current_field: bool | None) -> None:
+    @property
+    def continues(self) -> bool:
+        found = self.document.result
+        return not (found is None or self.document.is_outdated or found.solved.all())
+
+    def start(self, from_current_field: bool) -> None:
         self.parts.sequence_match.start(self.document, partial(self._take, False))
 
     def recover(self) -> None:
@@ -501,7 +518,7 @@ class SequenceWork(Work):
     ) -> None:
         parts, solver = self.parts, self.parts.solver
         if found is None:
-            again = {"Try again": partial(self._start, None)}
+            again = {"Try again": partial(self._start, False)}
             parts.notices.show(f"the solver stopped: {solver.reason}", True, RUN, again)
             solver.forget()
             return

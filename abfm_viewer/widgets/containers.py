@@ -216,6 +216,25 @@ def menu(ui: Ui, label: str) -> Iterator[bool]:
             imgui.EndMenu()
 
 
+@contextmanager
+def menu_button(ui: Ui, name: str, tip: str, enabled: bool) -> Iterator[bool]:
+    """Draw a small button with an arrow, which opens a menu; yield whether the menu is open."""
+    with ui.disabled(not enabled):
+        if imgui.ArrowButton(name, imgui.ImGuiDir_Down):
+            imgui.OpenPopup(f"{name} menu")
+        opened = bool(imgui.IsPopupOpen(f"{name} menu"))
+        ui.record_item(name, "menu", text="open" if opened else "closed", tip=tip)
+        ui.tip("" if opened else tip)
+    opened = bool(imgui.BeginPopup(f"{name} menu"))
+    try:
+        with ui.record.within(name, ui.record.areas[0]):
+            yield opened
+    finally:
+        if opened:
+            close_by_escape()
+            imgui.EndPopup()
+
+
 def menu_item(
     ui: Ui, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True
 ) -> bool:

@@ -136,7 +136,11 @@ class Actions:
         text, remove = "remove the selected landmark", session.editor.remove_landmark
         self.remove_landmark = landmarks(text, "remove landmark", remove)
         solver = partial(Action, "Solver")
-        self.match = solver("match", "match", session.match, while_typing=True)
+        text = "match, match again or continue, as the button says"
+        self.match = solver(text, "match", self._match, while_typing=True)
+        text = "match from zero if the button continues, else continue from the current field"
+        do = partial(self._match, otherwise=True)
+        self.match_otherwise = solver(text, "match otherwise", do, while_typing=True)
         self.pause = solver("pause or resume", "pause", self._pause)
         self.cancel = solver(_ESCAPE, "cancel", self._escape)
         text = "show a smoother step of the continuation, or the row above in the table"
@@ -288,6 +292,9 @@ class Actions:
             self._files.save(path, then, document)
 
         self._dialogs.save(title, (PROJECT,), name, save, "results")
+
+    def _match(self, otherwise: bool = False) -> None:
+        self._session.match(self._session.continues != otherwise)
 
     def _pause(self) -> None:
         solver = self._session.solver

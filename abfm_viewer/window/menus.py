@@ -132,6 +132,13 @@ def _edit(ui: Ui, actions: Actions) -> None:
     if menu_item(ui, "Place landmarks", actions.place_landmarks.hint, places):
         actions.place_landmarks.do()
     imgui.Separator()
+    session = actions.context.session
+    if menu_item(ui, session.match_label, actions.match.hint, enabled=session.can_match):
+        actions.match.do()
+    other, enabled = session.other_match_label, session.can_match_otherwise
+    if menu_item(ui, other, actions.match_otherwise.hint, enabled=enabled):
+        actions.match_otherwise.do()
+    imgui.Separator()
     is_changed = editor.document.parameters != Parameters()
     if menu_item(ui, "Reset to defaults", enabled=is_changed):
         editor.reset_parameters()

@@ -14,7 +14,7 @@ from abfm.matching.result import Match
 from abfm.mesh.subdivision import times_subdivided
 from abfm.outcome import Facts
 from abfm.parameters import as_option, in_options
-from abfm.wording import counted, number_text, percents
+from abfm.wording import counted, number_text, percents, share
 
 STEP_COLUMNS = ("step", "sigma", "residual", "flow lines", "folded", "|log2 J|", "|log2 R|")
 SCORE = "score"  # column of paths of measured functions
@@ -61,13 +61,13 @@ def lines(match: Match, facts: Facts | None = None) -> list[str]:
 
 
 def residual_text(match: Match) -> str:
-    """Return the residuals of a match: ``0.012, 0.03 along flow lines, 0.1% folded``.
+    """Return the residuals of a match: ``1.2%, 3% along flow lines, 0.1% folded``.
 
     If the match has several consecutive fields, the text ends with their number.
     """
-    parts = [f"{match.residual:.3g}"]
+    parts = [share(match.residual)]
     if not math.isnan(match.verified_residual):
-        parts.append(f"{match.verified_residual:.3g} along flow lines")
+        parts.append(f"{share(match.verified_residual)} along flow lines")
     if not math.isnan(match.folded):
         parts.append(f"{100 * match.folded:.2g}% folded")
     if len(match.fine_velocity) > 1:

@@ -175,11 +175,11 @@ def test_reason_is_the_cause_or_how_the_run_ended(found):
 
 
 def test_unknown_numbers_are_omitted(found, iterations):
-    assert residual_text(found) == "0.0123, 0.03 along flow lines, 0.1% folded"
-    assert residual_text(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
+    assert residual_text(found) == "1.3%, 3% along flow lines, 0.1% folded"
+    assert residual_text(replace(found, verified_residual=math.nan)) == "1.3%, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
     assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
-    assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
+    assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "1.3%"
     start = replace(iterations[0], vertices=2500, sigma=18.0)
     assert stage_text(start) == "mesh of 2,500 vertices, σ 18, long-range search"
     assert stage_text(replace(start, reach=0.0)) == "mesh of 2,500 vertices, σ 18"

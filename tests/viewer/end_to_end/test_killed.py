@@ -103,7 +103,7 @@ def test_killed_match_is_recovered(tmp_path):
         assert result.velocity.any()
         assert result.stop_reason == "cancelled"
         gui.wait(lambda s: not s.obstacle)  # the button is disabled until then
-        gui.click("Continue", within="verdict")
+        gui.click("Continue")
         gui.wait(lambda s: s.matching.snapshot is not None)
         assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
 

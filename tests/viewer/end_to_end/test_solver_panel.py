@@ -18,7 +18,7 @@ WINDOW = (640, 480)  # in which every line of the verdict is complete
 
 
 def test_tour_of_runs(gui, walk):
-    """Match, Pause, Resume, Cancel, restarts on changes, and a start from the current field."""
+    """Match, Pause, Resume, Cancel, restarts on changes, and both ways to start."""
     walk(gui, run_to_the_end)
     walk(gui, start_from_the_current_field, parameters=SHORT)
     walk(gui, pause_and_resume, restart_on_changes, parameters=ENDLESS)
@@ -41,12 +41,29 @@ def run_to_the_end(gui):
 def start_from_the_current_field(gui):
     match(gui)
     first = gui.session.result
-    gui.check("Start from the current field")
-    match(gui)
-    again = gui.session.result
-    assert again is not first
-    assert again.energy_history[0, 2] < 0.1 * first.energy_history[0, 2]
-    gui.check("Start from the current field", False)
+    start = first.energy_history[0, 2]
+    finished = replace(first, verdict=replace(first.verdict, remedies=()))
+    for result, label, is_continued in (
+        (first, "Continue", True),
+        (first, "Match from zero", False),
+        (finished, "Match again", False),
+        (finished, "Continue from the current field", True),
+    ):
+        gui.session.editor.amend(result=result)
+        run_by_menu(gui, "start options", label)
+        assert (gui.session.result.energy_history[0, 2] < 0.1 * start) == is_continued
+    gui.session.editor.amend(result=finished)
+    run_by_menu(gui, "Edit", "Match again")
+    gui.session.editor.amend(result=finished)
+    gui.key("ctrl+shift+enter")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result.energy_history[0, 2] < 0.1 * start
+
+
+def run_by_menu(gui, *labels):
+    gui.frames(1)
+    gui.menu(*labels)
+    gui.wait(lambda s: s.solver.finished)
 
 
 def pause_and_resume(gui):
@@ -62,13 +79,14 @@ def pause_and_resume(gui):
     result = gui.session.result
     assert result.stop_reason == "cancelled"
     assert len(result.energy_history) > 5
-    assert gui.is_enabled("Match")
-    gui.click("Continue", within="verdict")
+    gui.click("Continue")
     gui.wait(lambda s: s.matching.snapshot is not None)
     assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
     cancel(gui)
     gui.key("ctrl+enter")
     assert solver.running
+    gui.wait(lambda s: s.matching.snapshot is not None)
+    assert gui.session.matching.snapshot.iteration.residual <= 1.01 * result.residual
     gui.key("p")
     assert solver.paused
     gui.key("p")
@@ -98,13 +116,14 @@ def restart_on_changes(gui):
 
 def wait_without_restarts(gui):
     begin(gui, 3)
-    gui.check("Restart on changes", False)
+    gui.choose("during a run", "ignore changes")
     gui.type("sigma", "0.015")
     gui.frames(10)
     assert gui.session.matching.problem.parameters.sigma != 0.015
     cancel(gui)
     assert gui.session.outdated
-    gui.check("Restart on changes")
+    gui.choose("during a run", "follow changes")
+    assert gui.session.matching.follow
 
 
 def scrub_during_a_run(gui):
@@ -148,13 +167,12 @@ def match_an_outdated_result_again(gui, notes):
     kinds = dict(notes())
     assert any(text.startswith("Functions or parameters") for text in kinds)
     assert not {"good", "failure"} & set(kinds.values())
-    assert not {"Continue", "More time"} & set(gui.labels())
+    assert "More time" not in gui.labels()
     result = gui.session.result
     gui.click("Match again")
     gui.wait(lambda s: s.solver.finished)
     assert gui.session.result is not result
     assert gui.session.result.parameters.alpha == 0.02
-    assert "Match again" not in gui.labels()
 
 
 def explain_the_verdict(gui):
@@ -233,25 +251,23 @@ def limit_the_distortion(gui):
     assert session.result is before
 
 
-def continue_near_the_end(gui, notes):
+def continue_near_the_end(gui):
     """Continue from the field of a cancelled match that already matches."""
     session, document = gui.session, gui.session.document
     for is_changed in (False, True):
         restart(gui, document)
         match(gui)
         session.editor.amend(parameters=replace(ENDLESS, goal=0.1))  # reached after few iterations
-        session.matching.warm = True
-        gui.click("Match")
+        gui.menu("start options", "Continue from the current field")
         gui.key("p")  # otherwise it might end by itself
         gui.wait(lambda s: s.matching.snapshot is not None)
         gui.key("escape")
         gui.wait(lambda s: s.solver.finished)
         assert session.result.verdict.kind == "matched"
-        session.matching.warm = False
         if is_changed:
             session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
+            gui.menu("start options", "Continue from the current field")
         else:
-            check_message(next(text for text in dict(notes()) if "Continue" in text))
-        gui.click("Continue", within="verdict")
+            gui.menu("Edit", "Continue")
         gui.wait(lambda s: s.matching.snapshot is not None)
         assert session.matching.snapshot.iteration.residual < 0.5

@@ -102,6 +102,8 @@ def _name(widget):
     label = "step" if widget.kind == "marker" or section == "Match/step" else label
     section = "" if label == "?" else section
     label = "action" if (section, widget.kind) == ("Search actions", "choice") else label
+    # the button and the menu have the same label, which depends on the result
+    label = "match" if section == "Edit" and label.startswith(("Match", "Continue")) else label
     label = "row" if (section, widget.kind) == ("table/rows", "choice") else label
     if section == "Save" and widget.kind == "choice":
         label = "file"

@@ -57,8 +57,8 @@ def test_warm_start_converts_fields_and_tau(session):
     linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
     assert session.parameters.solver.segments == 0
-    session.matching.warm = True
-    matched(session)
+    session.match(from_current_field=True)
+    until(lambda: session.solver.finished, session)
     assert session.document.runs[-1].energies[0, 1] > 0
     assert session.result.residual < linearised
 
@@ -186,7 +186,6 @@ def test_first_remedy_improves_the_match_in_one_step(missed):
 
 def test_continue_starts_from_the_current_field(missed):
     history, remedy = missed.result.energy_history, missed.result.verdict.remedies[0]
-    assert not missed.matching.warm
     missed.remedy(Remedy("Continue", "resume the match", {}, True))
     until(lambda: missed.solver.finished, missed)
     assert missed.result.energy_history[0, 0] == pytest.approx(history[-1, 0], rel=0.1)
