@@ -81,7 +81,7 @@ class TaskProgress:
         self.overall = Overall()
         self.iteration: Iteration | None = None  # the latest one
         self.iterating = ""  # the phase of this iteration
-        self._begun: tuple[str, str] | None = None  # the latest printed phase and its part
+        self._begun = "", ""  # the latest printed phase and its part
         self._printed, self._wait = self.overall.began, LINE_SECONDS
 
     def text(self) -> str:
@@ -97,8 +97,9 @@ class TaskProgress:
         if step is None or now - self.overall.began < SILENT_SECONDS:
             return ""
         outermost = step.chain[-1]
-        if self.overall.name.endswith(SOLVING_PHASES) and not self._part:
-            return ""  # until its first iteration
+        is_after = self._begun[0].startswith(f"{self.overall.name}, ")  # after an inner phase
+        if is_after or (self.overall.name.endswith(SOLVING_PHASES) and not self._part):
+            return ""  # until the next phase or the first iteration
         is_long = step.phase or (outermost.expected or 0) >= _LONG_STEP_SECONDS
         begun = self.overall.name, self._part
         if begun != self._begun and (is_long or now - outermost.began >= _LONG_STEP_SECONDS):

@@ -216,6 +216,7 @@ class PopulationSolver:
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # read by `abfm batch --status`
         with step("registering", len(rows), f" {counted(len(rows), 'subject')}") as done:
+            done(0.0)
             count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
             def report(entry: LedgerEntry) -> None:

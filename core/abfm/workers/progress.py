@@ -44,7 +44,6 @@ class Step:
     after: float | None = None
     """Seconds of the phases that follow in the same task, if this step is a phase; else None."""
     repeats: float = 0.0  # how often a phase as long as this one follows
-    end: float | None = None  # estimated end of a phase, by `time.monotonic`
     outer: Step | None = None  # the enclosing step
 
     def share(self, now: float | None = None) -> float | None:
@@ -58,9 +57,7 @@ class Step:
 
     def seconds_remaining(self, now: float | None = None) -> float | None:
         """Return the remaining seconds, at least 0; None if unknown."""
-        now, elapsed = _time(now), self._elapsed(now)
-        if self.end is not None:
-            return max(self.end - now, _OVERDUE_SHARE * (now - self.end))
+        elapsed = self._elapsed(now)
         if self.done is not None:
             return elapsed * (1 / self.done - 1) if self.done > 0 else None
         if self.expected is None:
@@ -69,15 +66,15 @@ class Step:
 
     def seconds_of_task(self, now: float | None = None) -> float | None:
         """Return the remaining seconds of the complete task; None if unknown."""
-        found, inner = None, None
+        inner: float | None = None
         for each in self.chain:
             found = each.seconds_remaining(now)
             if each.after is not None:
                 found = inner if found is None else found
-                repeated = each.repeats * (each._elapsed(now) + (found or 0.0))
-                found = None if found is None else found + each.after + repeated
+                if found is not None:
+                    found += each.after + each.repeats * (each._elapsed(now) + found)
             inner = found
-        return found
+        return inner
 
     @property
     def chain(self) -> list[Step]:
@@ -93,7 +90,7 @@ class Step:
         names = list[str]()
         for each in reversed(self.chain):
             names += [each.task] if each.after is not None else []
-            if each.end is not None or each.done is not None:
+            if each.seconds_remaining() is not None or each.done is not None:
                 break
         return ", ".join(names)
 
@@ -110,19 +107,16 @@ class Step:
         return vars(self) | {"now": time.monotonic()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        shift = time.monotonic() - state.pop("now")
-        end = state["end"]
-        state |= {"began": state["began"] + shift, "end": None if end is None else end + shift}
+        state["began"] += time.monotonic() - state.pop("now")
         vars(self).update(state)
 
     def text(self, now: float | None = None) -> str:
         """Return the step as text; from two seconds on, with the remaining or elapsed time."""
         remaining, elapsed = self.seconds_of_task(now), self.chain[-1]._elapsed(now)
-        if remaining is not None and remaining + elapsed >= _SECONDS_SHOWN_MIN:
-            return f"{self.task}, {within(remaining)}"
-        return (
-            f"{self.task}, {elapsed:.0f} s so far" if elapsed >= _SECONDS_SHOWN_MIN else self.task
-        )
+        if (remaining or 0.0) + elapsed < _SECONDS_SHOWN_MIN:
+            return self.task
+        about = f"{elapsed:.0f} s so far" if remaining is None else within(remaining)
+        return f"{self.task}, {about}"
 
     def _elapsed(self, now: float | None) -> float:
         return max(_time(now) - self.began, 0.0)
@@ -179,8 +173,8 @@ class Overall:
         if (seconds := self.seconds_remaining(now)) is None:
             return ""
         if not self._shown <= seconds <= _RISE_MIN * self._shown:
-            self._shown = _rounded(seconds)
-        return f"within about {rounded_time(self._shown)}"
+            self._shown = next((most for most in _TIMES if seconds <= most), seconds)
+        return within(self._shown)
 
     def set_paused(self, paused: bool) -> None:
         """Stop or restart the clock of the task, whose pauses do not count."""
@@ -194,11 +188,8 @@ class Overall:
 
 def within(seconds: float) -> str:
     """Return a remaining time in words, rounded up: ``within about 20 s``."""
-    return f"within about {rounded_time(_rounded(seconds))}"
-
-
-def _rounded(seconds: float) -> float:
-    return next((each for each in _TIMES if seconds <= each), 3600 * math.ceil(seconds / 3600))
+    hours = 3600 * math.ceil(seconds / 3600)
+    return f"within about {rounded_time(next((s for s in _TIMES if seconds <= s), hours))}"
 
 
 def rounded_time(seconds: float) -> str:
@@ -295,8 +286,9 @@ def phase(
     estimated seconds of the phases that follow, and ``repeats`` is the number of following phases
     as long as this one.
     """
-    with _reported(Step(task, after=after, repeats=repeats)) as change:
-        yield lambda seconds, name: change(task=name, end=time.monotonic() + seconds)
+    began = time.monotonic()
+    with _reported(Step(task, None, None, began, after, repeats)) as change:
+        yield lambda left, name: change(task=name, expected=time.monotonic() - began + left)
 
 
 def usual_seconds(task: str, work: float) -> float | None:

@@ -111,7 +111,7 @@ def overall(estimates):
     """Return shares and texts of a task, of which each second has a new estimate of its end."""
     found, shares, texts = Overall(0.0), [], []
     for now, seconds in enumerate(estimates, 3):
-        found.update(Step("match", began=0.0, after=0.0, end=now + seconds))
+        found.update(Step("match", began=0.0, after=0.0, expected=now + seconds))
         shares.append(found.share(now))
         texts.append(found.text(now))
     return shares, texts
@@ -135,7 +135,7 @@ def test_remaining_time_follows_large_changes_only():
 def test_remaining_time_is_unknown_in_the_first_seconds():
     found = Overall(0.0)
     assert (found.name, found.share(1.0), found.text(1.0)) == ("starting", None, "")
-    found.update(Step("match", began=0.0, after=0.0, end=9.0))
+    found.update(Step("match", began=0.0, after=0.0, expected=9.0))
     assert (found.share(1.0), found.text(1.0), found.text(3.0)) == (None, "", "within about 10 s")
 
 
@@ -144,12 +144,12 @@ def test_pause_of_a_task_does_not_count(monkeypatch):
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     found = Overall()
     clock[0] = 10.0
-    found.update(Step("match", after=0.0, end=20.0))
+    found.update(Step("match", began=0.0, after=0.0, expected=20.0))
     found.set_paused(True)
     clock[0] = 100.0
     assert found.share() == 0.5
     found.set_paused(False)
-    found.update(Step("match", after=0.0, end=110.0))
+    found.update(Step("match", began=90.0, after=0.0, expected=20.0))
     assert found.share() == 0.5
 
 
@@ -163,7 +163,7 @@ def test_remaining_time_includes_later_phases():
 
     comparing, refine = (
         next(now for now in reported_steps(work) if now and now.task == task and has(now))
-        for task, has in (("comparing", lambda now: now.done), ("refine", lambda now: now.end))
+        for task, has in (("comparing", lambda now: now.done), ("refine", lambda now: now.expected))
     )
     assert (comparing.phase, refine.phase) == ("A to B, initial map", "A to B, refine")
     began = comparing.began
@@ -179,10 +179,10 @@ def test_step_of_another_process_keeps_its_age(monkeypatch):
     """Otherwise, each report of a step would restart its clock."""
     clock = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
-    sent = pickle.dumps(Step("match", began=60.0, end=130.0, after=0.0))
+    sent = pickle.dumps(Step("match", began=60.0, expected=70.0, after=0.0))
     clock[0] = 7.0
     received = pickle.loads(sent)
-    assert (received.began, received.end, received.seconds_remaining()) == (-33.0, 37.0, 30.0)
+    assert (received.began, received.seconds_remaining()) == (-33.0, 30.0)
 
 
 def test_step_of_another_thread_is_reported_in_its_phase():

@@ -539,7 +539,7 @@ def test_lines_of_progress_are_few():
 
     def iterate(seconds, attempt, vertices=2500, name="match"):
         now = began + seconds
-        state.overall.update(Step(name, began=began, after=0.0, end=now + 100))
+        state.overall.update(Step(name, began=began, after=0.0, expected=seconds + 100))
         state.iteration, state.iterating = iteration(vertices, attempt), name
         return state.line(now)
 
