@@ -105,7 +105,7 @@ def _of_project(name: str) -> tuple[dict[str, Any], list[str]]:
         "document": kind,
         "surfaces": ", ".join(f"{name} ({count:,} faces)" for name, count in faces.items()),
         **{f"function {n}": " to ".join(each.values()) for n, each in enumerate(functions, 1)},
-        "landmarks": counted(len(document.landmarks), "pair"),
+        **({"landmarks": counted(n, "pair")} if (n := len(document.landmarks)) else {}),
         "result": "none" if found is None else found.facts.headline,
     }
     lines = [printable(name), *(f"  {title:<14}{text}" for title, text in rows.items())]

@@ -26,6 +26,7 @@ _COST_OF_FIELDS = 1.5  # ratio of the time of an iteration with two fields to th
 _SECONDS_PER_VERTEX = 5e-5  # for the preparation of a mesh, and the check by flow lines
 _ITERATION_SECONDS = 6e-6  # per vertex, before any iteration
 _SEARCH_ITERATIONS = 100
+_UNTIMED_ITERATIONS = 2  # the first ones on a mesh, which include its preparation
 _PRIOR_ITERATIONS = 4  # the expected time of an iteration counts as much as these
 _ITERATIONS_MIN = 3  # from this number of iterations on, time is reported
 _REPORT_SECONDS = 0.1  # between two reports
@@ -65,6 +66,7 @@ class Outlook:
         self._seconds, self._timed = defaultdict[Key, float](float), Counter[Key]()
         self._name = "match"  # the phase that was reported last
         self._latest: Key | None = None
+        self._untimed = 0  # number of the next iterations whose time is not used
         self._now = self._reported = time.monotonic()
 
     def plan(self, plan: Plan) -> None:
@@ -79,14 +81,17 @@ class Outlook:
     def add(self, vertices: int) -> None:
         """Take an iterate on a level with this number of vertices into account."""
         assert self._plan is not None
-        now, before, self._latest = time.monotonic(), self._latest, (vertices, self._plan.fields)
-        if self._latest == before:  # the first iterate on a mesh includes its preparation
-            self._seconds[self._latest] += now - self._now
-            self._timed[self._latest] += 1
-        elif not self._timed[self._latest]:
+        now, key = time.monotonic(), (vertices, self._plan.fields)
+        if key != self._latest:
+            self._untimed, self._latest = _UNTIMED_ITERATIONS, key
+        if not self._timed[key]:
             cost = _COST_WITHOUT_CLUSTERS if self._plan.is_exact else 1.0
-            self._seconds[self._latest] = cost * _PRIOR_ITERATIONS * self._each(*self._latest)
-            self._timed[self._latest] = _PRIOR_ITERATIONS
+            self._seconds[key] = cost * _PRIOR_ITERATIONS * self._each(*key)
+            self._timed[key] = _PRIOR_ITERATIONS
+        elif not self._untimed:
+            self._seconds[key] += now - self._now
+            self._timed[key] += 1
+        self._untimed = max(self._untimed - 1, 0)
         self._done, self._now = self._done + 1, now
         name = "refine" if self._plan.refined else "match"
         is_due = name != self._name or now - self._reported >= _REPORT_SECONDS
