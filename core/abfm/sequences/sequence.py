@@ -36,6 +36,7 @@ from abfm.sequences.checkpoint_file import SequenceCheckpoint
 from abfm.sequences.frames import Frames, check_frames, interval_parameters
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
+from abfm.sequences.phase_times import work_of
 from abfm.sequences.reading.reading_frames import frames_of
 from abfm.sequences.solution import Solution
 from abfm.sequences.solving.choosing import SIGMA_MAX, SIGMA_MIN
@@ -500,7 +501,7 @@ def _checked_sequence(
     count = len(solver.fields)
     measures: list[IntervalMeasures] = []
     with (
-        step("checking by flow lines", after=0.0) as report,
+        step("checking by flow lines", work_of(checked_frames), after=0.0) as report,
         ThreadPoolExecutor(_THREADS) as threads,
     ):
         try:

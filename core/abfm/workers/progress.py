@@ -58,10 +58,10 @@ class Step:
     def seconds_remaining(self, now: float | None = None) -> float | None:
         """Return the remaining seconds, at least 0; None if unknown."""
         elapsed = self._elapsed(now)
-        if self.done is not None:
-            return elapsed * (1 / self.done - 1) if self.done > 0 else None
         if self.expected is None:
-            return None
+            return elapsed * (1 / self.done - 1) if self.done else None
+        if self.done:  # the mean of both durations, weighted by the completed share
+            return (1 - self.done) * (elapsed + (1 - self.done) * self.expected)
         return max(self.expected - elapsed, _OVERDUE_SHARE * (elapsed - self.expected))
 
     def seconds_of_task(self, now: float | None = None) -> float | None:
@@ -219,6 +219,11 @@ INITIAL_RATES: dict[str, float] = {
     "checking by flow lines": 1.6e-5,  # seconds per vertex
     "searching for symmetries": 4.5e-5,  # seconds per vertex
     "reading": 1e-7,  # seconds per byte
+    "comparing initial maps": 1.2e-3,  # seconds per vertex
+    "choosing sigma": 1.2e-3,  # seconds per vertex
+    "following the frames": 2e-5,  # seconds per vertex and interval, as for the next ones
+    "smoothing in time": 1.1e-5,
+    "correcting by flow lines": 1.1e-5,
 }
 # seconds per unit of work, and the amount of work for which this process measured it
 _rates = {name: (seconds, 0.0) for name, seconds in INITIAL_RATES.items()}

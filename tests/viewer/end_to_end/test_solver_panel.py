@@ -1,5 +1,6 @@
 """Tours of the panel of the solver: runs by button and key, and the verdict with its remedies."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -66,12 +67,14 @@ def run_by_menu(gui, *labels):
     gui.wait(lambda s: s.solver.finished)
 
 
-def pause_and_resume(gui):
+def pause_and_resume(gui, notes):
     """Pause and resume by buttons and keys, and continue from a cancelled run's best field."""
     begin(gui, 3)
     solver = gui.session.solver
     gui.click("Pause")
     assert solver.paused
+    texts = "\n".join(text for text, _ in notes())
+    assert re.search(r"^Match\b.*\nIteration \d+, residual .*\nMesh of \d+ vertices", texts, re.M)
     gui.click("Resume")
     assert not solver.paused
     gui.wait(lambda s: s.matching.snapshot.iteration.iteration > 5)

@@ -57,8 +57,8 @@ def motion_evidence(solver: SequenceSolver) -> MotionEvidence:
     product = square = variance = 0.0
     # products of the rates of change of the frame by the found field and by those of both intervals
     fields = np.zeros((3, 3))
-    task, held_out = "holding out frames", _middles(solver)
-    with stepped(task, held_out, seconds_after(task, solver.frames)) as middles:
+    after = seconds_after("holding out frames", solver.frames)
+    with stepped("holding out frames", _middles(solver), after) as middles:
         for middle in middles:
             try:
                 found = _evidence(solver, middle)

@@ -105,9 +105,8 @@ def choose_norm(frames: Frames, given: SequenceParameters, levels: FloatArray) -
         if given.sigma is not None:
             return Choice(given_norm, given.sigma)
         raise ParameterError("too few vertices are compared to choose sigma; give a sigma")
-    task = "choosing sigma"
-    with step(task, after=seconds_after(task, frames)) as report:
-        report(0.0)
+    after = seconds_after("choosing sigma", frames)
+    with step("choosing sigma", len(frames.mesh.vertices), after=after) as report:
         count, found = len(candidates), [first]
         first.scan(lambda share: report(share / count))
         for number, norm in enumerate(candidates[1:]):

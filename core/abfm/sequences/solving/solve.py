@@ -15,7 +15,7 @@ from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames, interval_parameters, sigma_of
 from abfm.sequences.noise import NOISE_FACTOR, explains_too_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
-from abfm.sequences.phase_times import seconds_after
+from abfm.sequences.phase_times import seconds_after, work_of
 from abfm.sequences.solving.advection_defect import advection_defect
 from abfm.sequences.solving.choosing import SIGMA_MAX, Norm, choose_norm, long_range_field
 from abfm.sequences.solving.interval import FieldPoint, Interval, Neighbour
@@ -82,8 +82,8 @@ class SequenceSolver:
         if not self.is_chosen:
             self.choose(*choose_norm(self.frames, self.given, self.levels))
         count = len(self.fields)
-        task = "following the frames"
-        with step(task, after=seconds_after(task, self.frames)) as report:
+        after = seconds_after("following the frames", self.frames)
+        with step("following the frames", work_of(self.frames), after=after) as report:
             for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
                 self._store(i, found := self.initial_point(i))
@@ -170,14 +170,13 @@ class SequenceSolver:
         """
         count = len(self.fields)
         if not self.swept_intervals:
-            task = "tracing flow lines"
-            after = seconds_after(task, self.frames)
-            with stepped(task, range(count), after) as intervals:
+            after = seconds_after("tracing flow lines", self.frames)
+            with stepped("tracing flow lines", range(count), after) as intervals:
                 for i in intervals:
                     self._update_energy(i)
             self.energy_before = self.total_energy()
-        task = "smoothing in time"
-        with step(task, after=seconds_after(task, self.frames)) as report:
+        after = seconds_after("smoothing in time", self.frames)
+        with step("smoothing in time", work_of(self.frames), after=after) as report:
             while self.swept_intervals < _SWEEPS_MAX * count:
                 sweep, done = divmod(self.swept_intervals, count)
                 i = done if sweep % 2 else count - 1 - done
@@ -194,8 +193,8 @@ class SequenceSolver:
     def _correct_each(self, on_step: Callable[[], object]) -> None:
         """Correct each field, without coupling, until its energy by flow lines hardly falls."""
         count = len(self.fields)
-        task = "correcting by flow lines"
-        with step(task, after=seconds_after(task, self.frames)) as report:
+        after = seconds_after("smoothing in time", self.frames)
+        with step("correcting by flow lines", work_of(self.frames), after=after) as report:
             while self.swept_intervals < _SWEEPS_MAX * count:
                 i, times = divmod(self.swept_intervals, _SWEEPS_MAX)
                 if not times:

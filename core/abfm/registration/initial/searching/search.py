@@ -50,6 +50,7 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 KINDS = ("spectral", "extremities", "embedding", "closest", "landmarks")
+_FIXED_WORK = 12_000  # number of fine vertices that take as long as all coarse ones
 _VERTICES = 1000  # vertices of the coarse surfaces
 _SCREENED_VERTICES = 400  # vertices for the selection of matchings
 _PENALTIES = np.geomspace(0.05, 10, 12)  # ascending penalties of a relaxation, see `relax`
@@ -159,7 +160,8 @@ def search_initial_map(
     Raises AbfmError if no kind applies to the surfaces.
     """
     search = _Search(given)
-    with step("comparing initial maps") as done:
+    work = _FIXED_WORK + len(given.a.vertices) + len(given.b.vertices)
+    with step("comparing initial maps", work) as done:
         fine = search.pair(_VERTICES)
         starts, refused = _starts(search, kinds, sides, lambda share: done(0.45 * share))
         if not starts:
