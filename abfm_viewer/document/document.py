@@ -214,6 +214,7 @@ class ViewPreferences:
     # length of the longest arrow, as a fraction of sqrt(area)
     arrow_length: Annotated[float, Range(0, 10, excludes_low=True)] = 0.12
     arrow_density: Annotated[float, Range(0, 1)] = 0.5
+    fade_uncertain: bool = True  # make the field faint where the data do not determine it
     flow_after_match: bool = True  # show and play the flow when a match ends
     previous_runs: bool = True  # show earlier runs in the plot of residuals
     # plot the residuals of steps against their distortion: during a run, and after it

@@ -45,6 +45,10 @@ _TRACKS = (
 )
 _LINKS = "Lines from points of A to their images on B at the shown time."
 _FADE = "Reduce the contrast of the streaks where the field is slow."
+_UNCERTAIN = (
+    "Make arrows and streaks faint where the data do not determine the motion: where functions are "
+    "flat, and along their contours. There, smoothness determines it."
+)
 _CLICKS = (
     "A click does nothing.",
     "A click places a landmark.",
@@ -121,6 +125,10 @@ def draw_field(context: Context) -> None:
         ui.same_line_if_fits("animate")
         tip = "Move the streaks along the field, here and in movies."
         _switch(context, "animate", "animate", "toggle animation", tip)
+    is_shown = view.arrows or (view.streaks and not obstacle)
+    with ui.disabled(not is_shown, "Tick arrows or streaks first."):
+        _switch(context, "fade uncertain motion", "fade_uncertain", "toggle fading", _UNCERTAIN)
+        draw_help(context, "uncertainty")
 
 
 def _streaks_obstacle(context: Context) -> str:

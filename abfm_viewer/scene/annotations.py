@@ -22,7 +22,7 @@ from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
-from abfm_viewer.scene.scene import LANDMARK_RADIUS, NO_VALUE, DrawnLandmark, Scene
+from abfm_viewer.scene.scene import FAINT, LANDMARK_RADIUS, NO_VALUE, DrawnLandmark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import COMPUTING_SUFFIX
@@ -50,7 +50,11 @@ _RING_WIDTH = 2.0
 _BAR_HEIGHT_SHARE_MAX = 0.25  # of the height; in less space each bar is one line of text
 _VEIL_OPACITY = 0.6
 _GREY = NO_VALUES ** (1 / 2.2)
-_LEGEND = {**CRITICAL_COLORS, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
+_LEGEND = {
+    **CRITICAL_COLORS,
+    NO_VALUE: (_GREY, _GREY, _GREY, 1.0),
+    FAINT: (_GREY, _GREY, _GREY, 0.35),
+}
 
 
 @dataclass(frozen=True)

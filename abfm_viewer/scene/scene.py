@@ -37,6 +37,7 @@ _RIM_POINTS = 32
 # cosine between the fronts of A from which a new map turns A, so that small changes do not
 _SAME_SIDE_COSINE = 0.7
 LANDMARK_RADIUS = 9.0  # radius of landmarks, in pixels at a scale of 1
+FAINT = "faint: the data do not determine the motion"
 NO_VALUE = "no value"  # text for grey in the legend
 
 
@@ -208,8 +209,11 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the kinds of critical points with tracks, and `NO_VALUE` if values are missing."""
+        """Return the kinds of critical points with tracks, and explanations of faint and grey."""
         kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
+        view = self._session.view
+        if (view.arrows or view.streaks) and "advected" in self.shown:
+            kinds = kinds if self._shown.quantities.determined() is None else (*kinds, FAINT)
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
         return (*kinds, NO_VALUE) if is_missing else kinds

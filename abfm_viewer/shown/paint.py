@@ -283,8 +283,11 @@ class Painter:
         if plain.colors is None:
             return None
         is_of_faces = plain.kind == "face values"
-        of = ColoredValues(plain.values, plain.colors, plain.unknown, is_of_faces)
-        texture = self._shown.quantities.texture(of)
+        quantities = self._shown.quantities
+        of = ColoredValues(
+            plain.values, plain.colors, plain.unknown, is_of_faces, quantities.determined()
+        )
+        texture = quantities.texture(of)
         if texture is None:
             return None
         corners = texture.streaks.atlas.corner_coordinates

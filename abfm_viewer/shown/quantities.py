@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from abfm import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Coloring, FieldPart
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
@@ -34,6 +35,7 @@ _PHASES = 16  # computed phases of moving streaks; others are blends of these
 _SHOWN_PHASES = 32  # phases of moving streaks that the window distinguishes
 _SHARE_TOLERANCE = 1e-6
 _FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
+_FAINT_MIN = 0.2  # smallest share of the opacity of arrows and of the contrast of streaks
 _SPEED_MAX = 1e30  # largest speed that is shown, because of single precision
 
 
@@ -119,14 +121,9 @@ def pushed_gradient(flow: FlowState, function: FloatArray, time: float) -> Field
 
 
 def field_arrows(
-    field: Field, style: ArrowStyle, eye: Eye, shares: FloatArray | None, interval: int
+    field: Field, style: ArrowStyle, eye: Eye, determined: FloatArray | None
 ) -> Arrows:
-    """Return the arrows of a field, as seen from a viewpoint.
-
-    ``shares`` (intervals, F), or None, are how well the data determine the fields of a sequence.
-    ``interval`` is the row for this field.
-    """
-    determined = None if shares is None else shares[interval]
+    """Return the arrows of a field from a viewpoint; ``determined`` (F,) is their opacity."""
     return arrows_of(field.mesh, field.velocity, style, eye, determined)
 
 
@@ -198,6 +195,8 @@ class FieldQuantities(Jobs):
         self._session, self.flow = session, flow
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
+        self._determined: Latest[FloatArray] = self.latest()
+        self._determined_row = Memo[FloatArray]()
         self._arrows: Latest[Arrows] = self.latest()
         self._hidden_arrows: Latest[BoolArray] = self.latest()
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
@@ -234,9 +233,7 @@ class FieldQuantities(Jobs):
             if source is None:
                 return None
             return self._field.newest(flow.mesh, pushed_gradient, flow, source, time)
-        last = flow.count - 1
-        segment = min(int(time / flow.parameters.tau * flow.count * (1 - 1e-12)), last)
-        return self._part(flow, segment, part)
+        return self._part(flow, self._segment(flow), part)
 
     def _part(self, flow: FlowState, segment: int, part: FieldPart) -> Field | None:
         return self._field.newest(flow.mesh, field_part, flow, segment, part)
@@ -253,12 +250,39 @@ class FieldQuantities(Jobs):
         if (fast := self.fast(field)) is None:
             return self._arrows.value
         style = ArrowStyle(view.arrow_length, arrow_spacing(view.arrow_density, scale), fast)
-        options = style, eye, self._determined_shares(), self._session.document.interval
+        options = style, eye, self.determined()
         return self._arrows.newest(field.mesh, field_arrows, field, *options)
 
-    def _determined_shares(self) -> FloatArray | None:
-        """Return how well frames determine a sequence's fields, (intervals, F); None if unknown."""
-        return None
+    def determined(self) -> FloatArray | None:
+        """Return the share of the shown field that the data determine, (F,), up to 1.
+
+        Smaller shares count as `_FAINT_MIN`, so that faint arrows and streaks are visible. The
+        result is None if uncertain motion does not fade, or the share is not known.
+        """
+        view = self._session.view
+        if not view.fade_uncertain or view.part not in ("complete", *HODGE_PARTS):
+            return None
+        flow, shares = self.flow.state, self._shares()
+        if flow is None or shares is None or shares.shape[1] != len(flow.mesh.faces):
+            return None
+        row = self._row(flow)
+        return self._determined_row.get((shares, row), lambda: np.maximum(shares[row], _FAINT_MIN))
+
+    def _shares(self) -> FloatArray | None:
+        """Return the shares of all fields that the data determine, (N, F); None if not known."""
+        result, session = self._session.result, self._session
+        if result is None or session.snapshot is not None or session.outdated:
+            return None
+        return self._determined.newest(result.mesh, attrgetter("determined"), result)
+
+    def _row(self, flow: FlowState) -> int:
+        """Return the row of the shown field in `_shares`."""
+        return self._segment(flow)
+
+    def _segment(self, flow: FlowState) -> int:
+        """Return the number of the field at the shown time, of N fields up to tau."""
+        share = self.flow.time / flow.parameters.tau
+        return min(int(share * flow.count * (1 - 1e-12)), flow.count - 1)
 
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows; None before it is known.

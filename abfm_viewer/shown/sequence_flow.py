@@ -95,7 +95,6 @@ class SequenceQuantities(FieldQuantities):
     def __init__(self, session: Session, flow: ShownFlow) -> None:
         super().__init__(session, flow)
         self._fast_in: Latest[float] = self.latest()
-        self._determined: Latest[FloatArray] = self.latest()
         self._cached_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
 
     def _part(self, flow: FlowState, segment: int, part: FieldPart) -> Field | None:
@@ -107,13 +106,16 @@ class SequenceQuantities(FieldQuantities):
         """Whether the shown field is that of an interval, or a part of its Hodge decomposition."""
         return self._session.view.part in ("complete", *HODGE_PARTS)
 
-    def _determined_shares(self) -> FloatArray | None:
+    def _shares(self) -> FloatArray | None:
         document = _sequence_document(self._session)
-        if document.result is None or not self._is_of_interval:
+        if document.result is None:
             return None
         if self._session.sequence_match.found_count(document):
             return None
         return self._determined.newest(document.sequence, attrgetter("determined"), document.result)
+
+    def _row(self, flow: FlowState) -> int:
+        return _sequence_document(self._session).interval
 
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows in all intervals; it never decreases in a run."""

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+import abfm
 from abfm.numerics.kernels import kernel
 from abfm.pages.colormaps import NO_VALUES, linear_table
 from abfm.streaks.line_integral import FloatImage
@@ -29,11 +30,12 @@ def streak_texture(
     are unknown.
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
+    contrast = np.tile([1.0, 0.0, 0.0], (len(atlas.mesh.faces), 1))
     if colored is None:
         table, affine = np.full((1, 3), _BRIGHT_LEVEL), np.zeros((len(atlas.mesh.faces), 3))
         shade = 1 - _DARK_LEVEL / _BRIGHT_LEVEL
-        return _draw(atlas.texel_faces, affine, table, (shade, shade * scale), image)
-    values, colors, unknown, of_faces = colored
+        return _draw(atlas.texel_faces, (affine, contrast), table, (shade, shade * scale), image)
+    values, colors, unknown, of_faces, determined = colored
     if of_faces:
         affine = np.zeros((len(atlas.mesh.faces), 3))
         affine[:, 0] = values
@@ -44,31 +46,42 @@ def streak_texture(
     if unknown is not None:
         affine[unknown if of_faces else unknown[atlas.mesh.faces].any(axis=1), 0] = np.nan
     table = np.vstack([linear_table(colors.colormap, _COLORS), np.full((1, 3), NO_VALUES)])
-    return _draw(atlas.texel_faces, affine, table, (SHADE, SHADE * scale), image)
+    if determined is not None:
+        contrast = atlas.affine(abfm.calculus.averaging(atlas.mesh) @ determined)
+    return _draw(atlas.texel_faces, (affine, contrast), table, (SHADE, SHADE * scale), image)
 
 
 @kernel
 def _draw(
     owners: NDArray[np.int32],
-    affine: FloatArray,
+    of_faces: tuple[FloatArray, FloatArray],
     table: FloatArray,
     shades: tuple[float, float],
     image: IndexArray,
 ) -> FloatImage:
     """Return colours of a texture from a table of colours, darkened by an image of streaks.
 
-    ``owners`` are the faces of the texels. For each face, ``affine`` (F, 3) is an affine function
-    of the texel, whose value is a row of ``table``. Where it is NaN, the last row is drawn.
+    ``owners`` are the faces of the texels. For each face, ``of_faces`` has two affine functions
+    of the texel, (F, 3). The value of the first is a row of ``table``, or the last row if it is
+    NaN. The second is the contrast of the streaks, from 0 to 1.
     ``shades`` are the darkening where the image is 0, and the brightening per unit of the image.
     This is a compiled kernel because the window draws while it runs.
     """
     last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)
+    affine, contrast = of_faces
     darkest, slope = shades
     for row in range(owners.shape[0]):
         for column in range(owners.shape[1]):
             face = owners[row, column]
             light = 1.0 - darkest + slope * image[row, column]
+            if face >= 0:
+                share = (
+                    contrast[face, 0]
+                    + contrast[face, 1] * (column + 0.5)
+                    + contrast[face, 2] * (row + 0.5)
+                )
+                light += (1.0 - min(max(share, 0.0), 1.0)) * (1.0 - light)
             entry = 0
             if face >= 0 and np.isnan(affine[face, 0]):
                 entry = table.shape[0] - 1

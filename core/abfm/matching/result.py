@@ -21,6 +21,7 @@ from abfm.io import results
 from abfm.maps.distortion import Bound, Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.determined import determined
 from abfm.matching.judging.facts import Report
 from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
@@ -183,6 +184,14 @@ class Match(Display):
         if landmarks is None:
             return None
         return landmarks.errors_along(self.mesh, self.fine_velocity, self.parameters.tau)
+
+    @cached_property
+    def determined(self) -> FloatArray:
+        """The share of the velocity on each face that the data determine, (N, F), from 0 to 1.
+
+        Smoothness determines the rest. See ``abfm.matching.judging.determined``.
+        """
+        return determined(self)
 
     @property
     def worse_residual(self) -> float:

@@ -6,6 +6,7 @@ import pytest
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.scene import overlays
+from abfm_viewer.scene.scene import FAINT
 from tests.viewer.sessions import ENDLESS, begin, cancel
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
@@ -35,6 +36,9 @@ def show_fields_maps_and_comparisons(matched):
         if coloring in MAPS:
             matched.drag("time", 0.5)
             calm(matched)
+    for chosen in ("full", "robust"):
+        matched.choose("range", chosen)
+        assert matched.session.view.full_range == (chosen == "full")
     for part in (*FIELD_PARTS[1:], FIELD_PARTS[0]):
         matched.choose("part", part)
         assert matched.session.view.part == part
@@ -71,6 +75,13 @@ def switch_arrows_streaks_lines_and_points(matched):
     matched.drag("density", 0.8)
     matched.type("density", "0.5", within="Look")
     assert session.view.arrow_density == 0.5
+    arrows = matched.window.shown.quantities._arrows
+    matched.wait(lambda _: arrows.value is not None and arrows.value.opacities.min() < 0.9)
+    assert FAINT in matched.window.scene.legend()
+    matched.check("fade uncertain motion", False)
+    matched.wait(lambda _: arrows.value.opacities.min() == 1)
+    assert FAINT not in matched.window.scene.legend()
+    matched.check("fade uncertain motion")
     matched.check("streaks")
     calm(matched)
     paints = matched.window.scene.paints
