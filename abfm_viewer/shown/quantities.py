@@ -256,8 +256,7 @@ class FieldQuantities(Jobs):
     def determined(self) -> FloatArray | None:
         """Return the share of the shown field that the data determine, (F,), up to 1.
 
-        Smaller shares count as `_FAINT_MIN`, so that faint arrows and streaks are visible. The
-        result is None if uncertain motion does not fade, or the share is not known.
+        Small shares above 0 count as `_FAINT_MIN`, so that faint arrows are visible. The result is None if uncertain motion does not fade, or the share is not known.
         """
         view = self._session.view
         if not view.fade_uncertain or view.part not in ("complete", *HODGE_PARTS):
@@ -265,8 +264,10 @@ class FieldQuantities(Jobs):
         flow, shares = self.flow.state, self._shares()
         if flow is None or shares is None or shares.shape[1] != len(flow.mesh.faces):
             return None
-        row = self._row(flow)
-        return self._determined_row.get((shares, row), lambda: np.maximum(shares[row], _FAINT_MIN))
+        of_field = shares[row := self._row(flow)]
+        return self._determined_row.get(
+            (shares, row), lambda: np.where(of_field > 0, np.maximum(of_field, _FAINT_MIN), 0.0)
+        )
 
     def _shares(self) -> FloatArray | None:
         """Return the shares of all fields that the data determine, (N, F); None if not known."""

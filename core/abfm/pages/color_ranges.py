@@ -1,9 +1,9 @@
 """Ranges of values that colours show, without a few extreme values, and round numbers in them.
 
-A range has all values of its functions, unless extremes stretch it to over 4 times that from the
-2nd to the 98th percentile (by area). Then ends far beyond these percentiles are clipped there. A
-narrow Gaussian differs from its median only on a small part of the surface. The percentiles of such
-a function are those of this part, so the range reaches the peak.
+A range has all values of its functions, unless extremes stretch it to over 4 times the range from
+2nd to 98th percentile (by area). Then ends far beyond these percentiles are clipped there. A narrow
+Gaussian differs from its median only on a small part of the surface. The percentiles of such a
+function are those of this part, so the range reaches the peak.
 """
 
 import math

@@ -47,7 +47,7 @@ def test_arrows_fade_where_the_field_is_undetermined(shown_of):
     sequence, shown = shown_of(np.exp(6 * (bump @ SPHERE.vertices.T - 1)), 0.0)
     until(lambda: (arrows := arrows_of(shown)) is not None and arrows.opacities.min() < 1)
     found = arrows_of(shown).opacities
-    assert np.isin(found, sequence.determined[0]).all()
+    assert np.isin(found, np.maximum(sequence.determined[0], 0.2)).all()
     assert found.min() < 0.6
     assert found.max() > 0.9
 
