@@ -256,7 +256,8 @@ class FieldQuantities(Jobs):
     def determined(self) -> FloatArray | None:
         """Return the share of the shown field that the data determine, (F,), up to 1.
 
-        Small shares above 0 count as `_FAINT_MIN`, so that faint arrows are visible. The result is None if uncertain motion does not fade, or the share is not known.
+        Small shares above 0 count as `_FAINT_MIN`, so that faint arrows are visible. The result
+        is None if uncertain motion does not fade, or the share is not known.
         """
         view = self._session.view
         if not view.fade_uncertain or view.part not in ("complete", *HODGE_PARTS):
