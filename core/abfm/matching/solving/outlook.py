@@ -103,12 +103,12 @@ class Outlook:
         """Return the estimated remaining seconds after the latest iterate."""
         assert self._latest is not None
         vertices, fields = self._latest
-        each, later = self._each(vertices, fields), 0.0
+        each, later = self._each(vertices, fields), _SECONDS_PER_VERTEX * vertices
         if plan.steps:
-            steps = self._of_steps(plan.steps)
-            usual, left = steps[0], sum(steps[1:])
-            attempt = sum(self._of_steps(len(self._attempts[-1]) + plan.steps))
-            later = left * each + plan.attempts * attempt * self._each(vertices, 2 * fields)
+            steps = self._usual_steps(plan.steps)
+            usual, *left = steps[-plan.steps :]
+            later = sum(left) * each
+            later += plan.attempts * sum(steps) * self._each(vertices, 2 * fields)
         else:
             times = min(plan.refined, len(_REFINED_ITERATIONS))
             usual = _REFINED_ITERATIONS[times - 1] if times else _MESH_ITERATIONS
@@ -122,12 +122,11 @@ class Outlook:
         finer = sum(count * self._each(size, fields) for size, count in pairs)
         return later + plan.finer_share * finer
 
-    def _of_steps(self, count: int) -> list[int]:
-        """Return the usual numbers of iterations of the last ``count`` steps of an attempt."""
+    def _usual_steps(self, remaining: int) -> list[int]:
+        """Return the usual numbers of iterations of all steps of the present attempt."""
         known = self._attempts[-2] if len(self._attempts) > 1 else []
-        total = len(self._attempts[-1]) + count
-        steps = [*known[:total], *[_STEP_ITERATIONS] * (total - len(known))]
-        return steps[-count:]
+        total = len(self._attempts[-1]) + remaining
+        return [*known[:total], *[_STEP_ITERATIONS] * (total - len(known))]
 
     def _each(self, vertices: int, fields: int) -> float:
         """Return the seconds of an iteration, extrapolated from the latest ones if necessary."""
