@@ -95,6 +95,8 @@ class Question:
 
 
 class OtherDialog(Protocol):
+    @property
+    def title(self) -> str: ...
     def draw(self, ui: Ui, /) -> Any: ...
 
 
@@ -138,7 +140,7 @@ class Dialogs:
         return bool(self._open)
 
     def has_question(self, title: str) -> bool:
-        return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
+        return any(one.title == title for one, _ in self._open)
 
     def open(
         self,

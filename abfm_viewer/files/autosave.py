@@ -30,8 +30,8 @@ class Autosave:
     """Writes copies of a changed document to the state folder, in the background.
 
     Copies are written at most every `seconds`. Several objects in one process have different values
-    of `number`. The modification time of a copy is a heartbeat: a recent one means that the process
-    that wrote it is still running.
+    of `number`. The modification time of a copy is that of its content. The access time is a
+    heartbeat: a recent one means that the process that wrote it is still running.
     """
 
     def __init__(
@@ -94,7 +94,8 @@ class Autosave:
             )
         else:
             with suppress(OSError):
-                os.utime(self.path)  # the heartbeat that `recoverable` looks for
+                times = time.time_ns(), self.path.stat().st_mtime_ns
+                os.utime(self.path, ns=times)  # the heartbeat that `recoverable` looks for
 
     @property
     def is_idle(self) -> bool:
@@ -141,7 +142,7 @@ class Recovery:
     """An autosaved copy of a process that ended without saving."""
 
     path: Path
-    written: float  # time of the last modification, in seconds since the epoch
+    changed: float  # time of the last change of its content, in seconds since the epoch
 
     def set_aside(self) -> Path:
         """Rename a copy that cannot be read, so that it is not offered again; return its path."""
@@ -167,15 +168,16 @@ def recoverable(folder: StateFolder) -> list[Recovery]:
             with suppress(OSError, ValueError, OverflowError):
                 name, _, checkpoint = path.name.partition(_SUFFIX)
                 number, _, earlier = name.removeprefix(_PREFIX).partition("-")
-                process, written = int(number.partition(".")[0]), path.stat().st_mtime
-                abandoned = time.time() - written > _HEARTBEAT_SECONDS_MAX
+                process, times = int(number.partition(".")[0]), path.stat()
+                heartbeat = max(times.st_atime, times.st_mtime)
+                abandoned = time.time() - heartbeat > _HEARTBEAT_SECONDS_MAX
                 if abandoned or earlier or not _is_alive(process):
-                    recovery = Recovery(path.with_name(name + _SUFFIX), written)
+                    recovery = Recovery(path.with_name(name + _SUFFIX), times.st_mtime)
                     if not checkpoint:
                         found.append(recovery)
                     elif not recovery.path.exists():
                         recovery.discard()
-    return sorted(found, key=lambda recovery: recovery.written, reverse=True)
+    return sorted(found, key=lambda recovery: recovery.changed, reverse=True)
 
 
 def _is_alive(process: int) -> bool:

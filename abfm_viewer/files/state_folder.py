@@ -31,20 +31,25 @@ class StateFolder:
             path = Path(platformdirs.user_state_dir("abfm", appauthor=False))
         self.path = path
 
-    def recent(self) -> list[Path]:
-        """Return recently opened files and results folders that still exist, the latest first."""
+    def recent(self) -> list[tuple[Path, ...]]:
+        """Return recently opened files and results folders that still exist, the latest first.
+
+        An entry of two files is a mesh with a second mesh or with frames.
+        """
         found = []
-        for name in self.read("recent.json", list):
+        for names in self.read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
-                path = Path(name)
-                if path.is_file() or (path / "ledger").is_dir():
-                    found.append(path)
+                paths = tuple(map(Path, names if isinstance(names, list) else [names]))
+                if paths and all(path.is_file() or (path / "ledger").is_dir() for path in paths):
+                    found.append(paths[:2])
         return found[:_RECENT_FILES_MAX]
 
-    def add_recent(self, path: Path) -> None:
-        path = Path(os.path.abspath(path))
-        paths = [path, *(known for known in self.recent() if known != path)]
-        self.write("recent.json", [str(known) for known in paths[:_RECENT_FILES_MAX]])
+    def add_recent(self, *paths: Path) -> None:
+        """Add a file, or two that were opened together, in place of an entry of the first alone."""
+        new = tuple(Path(os.path.abspath(path)) for path in paths)
+        entries = [new, *(known for known in self.recent() if known not in (new, new[:1]))]
+        names = [[*map(str, entry)] for entry in entries[:_RECENT_FILES_MAX]]
+        self.write("recent.json", [name[0] if len(name) == 1 else name for name in names])
 
     def clear_recent(self) -> None:
         self.write("recent.json", [])

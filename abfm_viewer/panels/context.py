@@ -1,5 +1,6 @@
 """Context of panels, menus and keys: the session, widgets, dialogs and files."""
 
+from collections.abc import Callable
 from typing import TypeVar
 
 from abfm.reading import FRAMES_ENDINGS
@@ -34,6 +35,8 @@ class Context:
         self.session, self.shown = session, Shown(session)
         self.preferences = PreferenceFile(state)
         self.ui, self.dialogs = Ui(), Dialogs(self.preferences)
+        # lists copies of unsaved work of earlier launches; None if there are none
+        self.list_copies: Callable[[], None] | None = None
         self.exporter = Exporter(session.notices.show)
         self.files = SessionFiles(session, state, self.dialogs.question)
         self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}

@@ -163,6 +163,8 @@ class SessionFiles:
         # for each file being written: the action at its end, and further actions after that
         self._writing: list[tuple[Future[Origin], Action, list[Action]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
+        # files of documents: the mesh alone, or with a second mesh or frames
+        self._paths: WeakKeyDictionary[Identity, tuple[Path, ...]] = WeakKeyDictionary()
         self.waiting: Load | None = None  # request that waits for the end of the run
         # offered if a file cannot be read or written, by labels such as `OTHER_MESH`
         self.file_actions: dict[str, Action] = {}
@@ -196,6 +198,21 @@ class SessionFiles:
         source, path = Origin.of(path), place or path
         read, other = partial(self._read, path), OTHER_TABLE if place else OTHER_MESH
         self._load(Load(f"opening {path.name}", read, other, source))
+
+    def open_together(self, paths: tuple[Path, ...]) -> None:
+        """Open a file, or a mesh with a second mesh or frames."""
+        if len(paths) == 1:
+            self.open(paths[0])
+        else:
+            has_frames = contents_of(paths[1]) is not Contents.MESH
+            then = self.open_frames if has_frames else self.open_second
+            self._open_both(paths[0], paths[1], then)
+
+    def record_paths(self, *paths: Path) -> None:
+        """Record the files of the current document, and add them to the recent files."""
+        self._paths[self._session.document.identity] = paths
+        if self.state:
+            self.state.add_recent(*paths)
 
     def _read(self, path: Path, show_mesh: ShowMesh | None = None) -> Action:
         """Read a file by its contents, and return a function that shows it.
@@ -244,7 +261,7 @@ class SessionFiles:
             here = next((one for one in session.document.surfaces if one == surface), surface)
             view = replace(session.view.preferences, viewpoint=session.view.viewpoint)
             shown = document_of_frames(sequence, here, view)
-            self._show(path, partial(session.restore, shown, {}, None), notes)
+            self._show(path, partial(session.restore, shown, {}, None), notes, adds=True)
 
         return show
 
@@ -337,6 +354,10 @@ class SessionFiles:
         read = self.tables.read
         what = f"setting up {name.lower()}"
         self._load(Load(what, lambda: partial(show, read(make(folder))), takes_long=True))
+
+    def load(self, what: str, read: Callable[[], Action]) -> None:
+        """Read in the background, such as "recovering A"; ``read`` returns how to show it."""
+        self._load(Load(what, read))
 
     def _load(self, load: Load) -> None:
         """Start to read a file, after a question if a task is in progress; offer to try again."""
@@ -483,7 +504,8 @@ class SessionFiles:
     def _show_second(self, path: Path, mesh: TriangleMesh) -> None:
         first = self._session.surface("source")
         show = partial(self._session.set_surfaces, first, Surface(mesh, path.name))
-        self._show(path, show, (f"{first.name} is A, {path.name} is B", *mesh.messages))
+        notes = f"{first.name} is A, {path.name} is B", *mesh.messages
+        self._show(path, show, notes, adds=True)
 
     def _read_document(self, path: Path) -> Action:
         origin = _origin(path)
@@ -502,13 +524,21 @@ class SessionFiles:
         return {label: self.file_actions[label]} if label in self.file_actions else {}
 
     def _show(
-        self, path: Path, show: Action, messages: tuple[str, ...] = (), load_warning: str = ""
+        self,
+        path: Path,
+        show: Action,
+        messages: tuple[str, ...] = (),
+        load_warning: str = "",
+        adds: bool = False,
     ) -> None:
+        """Show a document of a file; with ``adds``, the file is added to the mesh that is open."""
         previous, unsaved = self._session.document.name, self._session.saves.unsaved
+        mesh = self._paths.get(self._session.document.identity, ())[:1] if adds else ()
+        if any(one.name.lower().endswith((PROJECT, RESULT)) for one in mesh):
+            mesh = ()
         show()
         self._session.notices.resolve(OPENING)
-        if self.state:
-            self.state.add_recent(path)
+        self.record_paths(*mesh, path)
         back = f" Undo returns to {previous}, which was not saved." if unsaved else ""
         self._session.notices.show(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
         if load_warning:

@@ -9,9 +9,12 @@ import polyscope.imgui as imgui
 from abfm import Parameters
 from abfm.pages import colormaps
 from abfm_viewer.appearance.abbreviation import abbreviated
+from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import APPEARANCE, LAYOUTS, THEMES
 from abfm_viewer.document.keyboard import hint
+from abfm_viewer.files.contents import is_named_as_frames
 from abfm_viewer.panels import landmarks
+from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
 from abfm_viewer.widgets.toolkit import Ui
@@ -23,6 +26,11 @@ _PATH_LENGTH_MAX = 60
 _TABLES = (
     "Show the results of abfm batch or population as a table: choose population.npz, subjects.csv, "
     "summary.csv, or rows.json in the folder ledger. A folder can also be dropped on the window."
+)
+_NATIVE_TIP = "Open files in the dialog of the system. Saving uses the dialog of the app."
+_NO_NATIVE_TIP = (
+    "The dialogs of the system need a screen on this machine, and on Linux zenity or kdialog. "
+    "Install their library by: pip install 'abfm[native]'."
 )
 _FINER_TIP = (
     "Show the functions of a match on the finer mesh on which it was found, without streaks. "
@@ -73,9 +81,10 @@ def _file(ui: Ui, actions: Actions) -> None:
     with menu(ui, "Recent") as is_open:
         if is_open:
             recent = files.state.recent() if files.state else []
-            for path in recent:
-                if menu_item(ui, _short(path)):
-                    files.open(path)
+            for paths in recent:
+                if menu_item(ui, _recent_label(paths)):
+                    files.open_together(paths)
+                ui.tip("\n".join(map(str, paths)) if len(paths) > 1 else "")
             if not recent:
                 menu_item(ui, "no files yet", enabled=False)
             imgui.Separator()
@@ -85,11 +94,24 @@ def _file(ui: Ui, actions: Actions) -> None:
     imgui.Separator()
     _items(ui, {"Save project": actions.save, "Save project as...": actions.save_as})
     imgui.Separator()
+    list_copies = actions.context.list_copies
+    if menu_item(ui, "Recover unsaved work...", enabled=list_copies is not None) and list_copies:
+        list_copies()
+    _native_dialogs(ui, actions.context)
+    imgui.Separator()
     for label in ("Export picture...", "Export movie...", "Export data..."):
         if menu_item(ui, label):
             ui.open_tab = "Export"
     imgui.Separator()
     _items(ui, {"Quit": actions.quit})
+
+
+def _native_dialogs(ui: Ui, context: Context) -> None:
+    preferences, available = context.preferences, native_dialog.is_available()
+    is_on = preferences.now.native_dialogs and available
+    if menu_item(ui, "Native file dialogs", checked=is_on, enabled=available):
+        preferences.change(native_dialogs=not preferences.now.native_dialogs)
+    ui.tip(_NATIVE_TIP if available else _NO_NATIVE_TIP)
 
 
 def _second_surface(ui: Ui, actions: Actions) -> None:
@@ -107,6 +129,14 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     ui.tip("" if has_second else "No second surface is open.")
     if menu_item(ui, "Open landmarks..."):
         landmarks.open_file(context)
+
+
+def _recent_label(paths: tuple[Path, ...]) -> str:
+    """Return ``A to B`` for two surfaces, ``frames on mesh`` for a sequence, or a short path."""
+    if len(paths) == 1:
+        return _short(paths[0])
+    first, second = (path.name for path in paths)
+    return f"{second} on {first}" if is_named_as_frames(paths[1]) else f"{first} to {second}"
 
 
 def _short(path: Path) -> str:

@@ -1,45 +1,52 @@
 """Copies of unsaved work in the state folder, also of launches that crashed."""
 
 import itertools
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from abfm import AbfmError
-from abfm.types import FloatArray
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.matching import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
-from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
-from abfm_viewer.files.project import Origin, load_origin, load_project
+from abfm_viewer.files.autosave import Autosave, Content, recoverable
+from abfm_viewer.files.project import load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.pictures.thumbnails import thumbnails
+from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.window.previews import views_of_document
+from abfm_viewer.window.recovery_list import PICTURE_SIZE, Answer, Copy, RecoveryList
 
 _COPIES = "copies"  # subject of the cards
 
 
 class Recoveries:
-    """Copies of unsaved documents, and the question whether to open copies of earlier launches.
+    """Copies of unsaved documents, and the list of copies of earlier launches.
 
     The copy of the current document contains the best field of a run in progress.
     """
 
     def __init__(
-        self, session: Session, state: StateFolder, files: SessionFiles, dialogs: Dialogs
+        self,
+        session: Session,
+        state: StateFolder,
+        files: SessionFiles,
+        dialogs: Dialogs,
+        textures: Textures,
     ) -> None:
         self._session, self._state = session, state
-        self._files, self._dialogs = files, dialogs
+        self._files, self._dialogs, self._textures = files, dialogs, textures
         self._autosaves: dict[Identity, Autosave] = {}
         self._numbers = itertools.count()
-        self._recoveries: list[Recovery] | None = None
-        self._reading: Recovery | None = None
-        self._reader: Latest[Callable[[], None]] = Latest()
+        self.copies: list[Copy] = []  # of earlier launches, the latest first
+        self._is_listed = False
+        self._reader: Latest[tuple[list[Copy], list[str]]] = Latest()
         self._reported = ""
         self._autosave(session.document.identity)
         session.sequence_match.checkpoint_base = lambda document: (
@@ -49,11 +56,8 @@ class Recoveries:
     def update(self) -> None:
         """Offer copies of earlier launches, and write new ones. Call once per frame."""
         session, notices = self._session, self._session.notices
-        if self._recoveries is None:
-            self._recoveries = recoverable(self._state)
-            self._offer_next()
-        if self._reading is not None:
-            self._show_question(self._reading)
+        if not self._is_listed:
+            self._list_when_read()
         present, running = session.document, session.snapshot
         if running and not running.shown.iteration:  # before its first step
             running = None
@@ -96,6 +100,16 @@ class Recoveries:
             if identity not in preserved:
                 autosave.discard()
 
+    def _list_when_read(self) -> None:
+        found = self._reader.request("copies", self._read_all)
+        if found is not None or not self._reader.busy:
+            self._is_listed = True
+            self.copies, problems = found or ([], [self._reader.error])
+            for problem in problems:
+                self._session.notices.show(problem, is_error=True)
+            if self.copies:
+                self.list_copies()
+
     def _autosave(self, identity: Identity) -> Autosave:
         if identity not in self._autosaves:
             self._autosaves[identity] = Autosave(self._state, number=next(self._numbers))
@@ -113,58 +127,65 @@ class Recoveries:
         outcome = document.outcome(found, run, snapshot.problem.initial)
         return _content(replace(document, **outcome), functions)
 
-    def _offer_next(self) -> None:
-        if self._recoveries:
-            self._reading = self._recoveries.pop(0)
+    def _read_all(self) -> tuple[list[Copy], list[str]]:
+        """Return the copies of earlier launches, and messages about those that cannot be read."""
+        found, problems = [], []
+        for recovery in recoverable(self._state):
+            try:
+                document, origin = load_project(recovery.path)[0], load_origin(recovery.path)
+            except AbfmError as error:
+                aside = recovery.set_aside()
+                problems.append(f"unsaved work cannot be read: {error}. It was moved to {aside}")
+                continue
+            name = origin.path.name if origin else document.name
+            picture = thumbnails(views_of_document(document)[:1], PICTURE_SIZE)[0]
+            changed = origin is not None and origin.changed
+            note = f"{name} has changed on the disk since then" if changed else ""
+            found.append(Copy(recovery, name, picture, note))
+        return found, problems
 
-    def _show_question(self, recovery: Recovery) -> None:
-        """Show the question whether to open a copy, as soon as the copy has been read."""
-        show = self._reader.request(recovery, partial(self._read, recovery))
-        if show is not None:
-            self._reading = None
-            show()
-        elif not self._reader.busy:
-            self._reading = None
-            self._session.notices.show(self._reader.error, is_error=True)
+    def list_copies(self) -> None:
+        """Show the list of all copies of earlier launches."""
+        self._dialogs.push(RecoveryList(self.copies, self._textures), self._answered)
 
-    def _read(self, recovery: Recovery) -> Callable[[], None]:
-        try:
-            path = recovery.path
-            return partial(self._offer, recovery, *load_project(path), load_origin(path))
-        except AbfmError as error:
-            aside = recovery.set_aside()
-            text = f"unsaved work cannot be read: {error}. It was moved to {aside}"
-            return partial(self._session.notices.show, text, is_error=True)
+    def _answered(self, answer: Answer) -> None:
+        self._dialogs.pop()
+        if answer.do == "discard":
+            for copy in answer.copies:
+                copy.recovery.discard()
+            self._forget(answer.copies)
+        elif answer.do == "recover":
+            names = ", ".join(copy.name for copy in answer.copies)
+            self._files.load(f"recovering {names}", partial(self._read, answer.copies))
 
-    def _offer(
-        self,
-        recovery: Recovery,
-        document: Document,
-        known: dict[str, FloatArray],
-        origin: Origin | None,
-    ) -> None:
-        def restore() -> None:
-            session = self._session
-            session.restore(document, known, origin, saved=False)
-            copy = self._autosave(session.document.identity)
-            copy.take_over(recovery)
-            if isinstance(document, SequenceDocument) and copy.has_checkpoint:
-                session.recover_sequence()
-            session.notices.show(f"recovered {document.name}; save it now")
+    def _forget(self, copies: Sequence[Copy]) -> None:
+        """Remove copies from the list, and show it again unless it is empty."""
+        self.copies = [copy for copy in self.copies if copy not in copies]
+        if self.copies:
+            self.list_copies()
 
-        def discard() -> None:
-            recovery.discard()
-            self._offer_next()
+    def _read(self, copies: Sequence[Copy]) -> Callable[[], None]:
+        """Read copies; return a function that opens them, the latest last."""
+        read = [
+            (copy, *load_project(copy.recovery.path), load_origin(copy.recovery.path))
+            for copy in reversed(copies)
+        ]
 
-        written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
-        name = origin.path.name if origin else document.name
-        text = f"The app ended before {name} was saved. There is a copy from {written}."
-        if origin and origin.changed:
-            text += f" {name} has changed since then."
-        recover = partial(self._files.when_free, f"recovering {name}", restore)
-        self._dialogs.question(
-            "Recover unsaved work?", text, {"Recover": recover, "Discard": discard, "Later": None}
-        )
+        def show() -> None:
+            for copy, document, known, origin in read:
+                self._session.restore(document, known, origin, saved=False)
+                autosave = self._autosave(self._session.document.identity)
+                autosave.take_over(copy.recovery)
+            if isinstance(self._session.document, SequenceDocument) and autosave.has_checkpoint:
+                self._session.recover_sequence()
+            if len(copies) > 1:
+                text = f"recovered {len(copies)} documents; Undo returns to the earlier ones"
+            else:
+                text = f"recovered {self._session.document.name}; save it now"
+            self._session.notices.show(text)
+            self._forget(copies)
+
+        return show
 
 
 def _content(document: Document, functions: Evaluators) -> Content:

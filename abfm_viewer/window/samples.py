@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
@@ -32,7 +31,7 @@ from abfm_viewer.appearance.samples import (
 )
 from abfm_viewer.document.document import Channel, Surface, View
 from abfm_viewer.document.kinds import MatchDocument, PairDocument
-from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.wave import fsaverage5, wave_document
@@ -109,24 +108,21 @@ def _population(folder: Path) -> Path:
     return made_in_subprocess(folder)
 
 
-class SampleTextures:
-    """Texture with the thumbnails of all samples; loaded again if polyscope has removed it."""
+@cache
+def _pictures() -> Image.Image:
+    return Image.open(PICTURES)
 
-    def __init__(self) -> None:
-        self._buffer: Any = None
+
+class SampleTextures:
+    """Texture with the thumbnails of all samples."""
+
+    def __init__(self, textures: Textures) -> None:
+        self._textures = textures
 
     def find(self, name: str) -> tuple[imgui.ImTextureRef, Corner, Corner] | None:
         """Return the texture and the corners of a thumbnail; None if the backend cannot draw."""
-        if ps.get_render_engine_backend_name() == "openGL_mock":
-            return None
-        try:
-            self._buffer.check_ref_still_valid()
-        except (AttributeError, ValueError):
-            pixels = np.asarray(Image.open(PICTURES).convert("RGBA"), dtype=np.float32) / 255
-            ps.add_color_alpha_image_quantity(_PICTURES, pixels, enabled=False)
-            self._buffer = ps.get_quantity_buffer(_PICTURES, "colors")
-        texture = imgui.ImTextureRef(int(self._buffer.get_texture_native_id()))
-        return texture, *thumbnail_corners(name)
+        texture = self._textures.find(_PICTURES, _pictures())
+        return None if texture is None else (texture, *thumbnail_corners(name))
 
 
 def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:

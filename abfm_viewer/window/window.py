@@ -22,6 +22,7 @@ from abfm.mesh.options import DEFAULT_OPTIONS, MeshOptions
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import limit_pools
+from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import Theme
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.panels import cards, result_table, right_panel, status_line, time_bar
@@ -37,6 +38,7 @@ from abfm_viewer.scene.annotations import (
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Supersampling
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
 from abfm_viewer.widgets import style
@@ -46,6 +48,7 @@ from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
 from abfm_viewer.window.library_warnings import LibraryWarnings
 from abfm_viewer.window.mouse import Mouse
+from abfm_viewer.window.previews import Previews
 from abfm_viewer.window.recovery import Recoveries
 from abfm_viewer.window.samples import SampleTextures
 from abfm_viewer.window.search import Search
@@ -134,9 +137,9 @@ def open_window(
             except SeveralArraysError:
                 ambiguous = second_path
                 session = open_session(first, options)
-        for path in paths:
-            state.add_recent(path)
     window = Window(session, backend, size, state)
+    if not isinstance(inputs, TriangleMesh) and paths:
+        window.files.record_paths(*paths[: 1 if ambiguous else 2])
     if table is not None:
         window.files.tables.take(table)
     if ambiguous is not None:
@@ -156,7 +159,11 @@ class Window(Context):
     ) -> None:
         super().__init__(session, state)
         self.session_preferences = SessionPreferences(session, self.preferences)
-        self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
+        self.textures = Textures()
+        self.previews = Previews(self.textures)
+        self.dialogs.preview = self.previews.find
+        parts = self.files, self.dialogs, self.textures
+        self.recoveries = Recoveries(session, state, *parts) if state else None
         self.search, self.tour = Search(self, self._draw_unseen), Tour(self)
         self.mouse = Mouse()
         over, search = (lambda: self.mouse.over), self.search.open
@@ -188,7 +195,7 @@ class Window(Context):
         self.scene = Scene(self.shown)
         self.supersampling = Supersampling(backend == opengl.WINDOW)
         self.title = WindowTitle()
-        self.sample_textures = SampleTextures()
+        self.sample_textures = SampleTextures(self.textures)
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -201,6 +208,7 @@ class Window(Context):
             try:
                 self.frame()
                 warm_up.start()
+                self.dialogs.uses_native = self._uses_native
                 while not self.closing:
                     self.frame()
                     if ps.window_requests_close():
@@ -210,12 +218,16 @@ class Window(Context):
         if self.interrupted is not None:
             raise signals.EndedBySignal(self.interrupted)
 
+    def _uses_native(self) -> bool:
+        return self.preferences.now.native_dialogs and native_dialog.is_available()
+
     def close(self) -> None:
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
         # otherwise polyscope would call this window after Python has ended
         ps.clear_configure_imgui_style_callback()
         self.files.close()
+        self.previews.close()
         if self.recoveries:
             self.recoveries.close(keep_unsaved=self.interrupted is not None)
         self.exporter.close()
@@ -357,6 +369,7 @@ class Window(Context):
         self.title.show(f"{self.session.saves.title} - abfm")
         if self.recoveries:
             self.recoveries.update()
+            self.list_copies = self.recoveries.list_copies if self.recoveries.copies else None
         self.session_preferences.update()
 
     def _moves(self) -> bool:

@@ -137,14 +137,14 @@ def _session():
 def _state(path):
     """Read a file in which the app stores its state between launches."""
     state, was_file = StateFolder(path.parent), path.is_file() and not path.is_symlink()
-    assert all(isinstance(p, Path) for p in state.recent())
+    assert all(isinstance(p, Path) for paths in state.recent() for p in paths)
     preferences = PreferenceFile(state)
     SessionPreferences(_session(), preferences)
     assert _session().view.theme in THEMES
     assert 0.5 <= _session().view.ui_scale <= 4
     state.add_recent(path)
     preferences.change(theme="dark")
-    is_preserved = path in state.recent() and PreferenceFile(state).now.theme == "dark"
+    is_preserved = (path,) in state.recent() and PreferenceFile(state).now.theme == "dark"
     assert is_preserved or not was_file
 
 

@@ -86,7 +86,7 @@ def test_bundled_mesh_opens_like_a_file(samples, name):
     wait(samples, lambda session: session.document.name == name and not session.obstacle)
     np.testing.assert_array_equal(samples.session.surface().mesh.vertices, mesh.vertices)
     assert vertices()[name] == len(mesh.vertices)
-    assert samples.window.files.state.recent()[0] == asset_path(name)
+    assert samples.window.files.state.recent()[0] == (asset_path(name),)
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [name]
     samples.key("esc")
 

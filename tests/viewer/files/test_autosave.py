@@ -127,9 +127,11 @@ def test_heartbeat_lasts_until_everything_is_saved(autosave, clock, tmp_path):
     offer(autosave, DOCUMENT)
     age(autosave.path, 1000)
     assert recoverable(StateFolder(tmp_path)) != []
+    changed = autosave.path.stat().st_mtime
     clock.seconds = 42
     offer(autosave, DOCUMENT)
     assert recoverable(StateFolder(tmp_path)) == []
+    assert autosave.path.stat().st_mtime == changed  # the time of its content
     offer(autosave, DOCUMENT, unsaved=False)
     assert not autosave.path.exists()
     clock.seconds = 63
@@ -194,7 +196,7 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
         path.touch()
     [recovery] = recoverable(StateFolder(tmp_path))
     assert recovery.path == leftover
-    assert recovery.written == pytest.approx(time.time(), abs=60)
+    assert recovery.changed == pytest.approx(time.time(), abs=60)
     # without a heartbeat the process has ended, even if another one has its number
     age(current, 1000)
     assert [found.path for found in recoverable(StateFolder(tmp_path))] == [leftover, current]

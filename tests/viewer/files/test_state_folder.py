@@ -24,9 +24,10 @@ def test_recent_files_are_listed_once_latest_first(folder, tmp_path, monkeypatch
         file.touch()
         folder.add_recent(file)
     folder.add_recent(files[5])
-    assert folder.recent() == [files[5], *reversed(files[6:]), *reversed(files[2:5])]
+    names = [files[5], *reversed(files[6:]), *reversed(files[2:5])]
+    assert folder.recent() == [(name,) for name in names]
     files[11].unlink()
-    assert files[11] not in folder.recent()
+    assert (files[11],) not in folder.recent()
     folder.clear_recent()
     assert folder.recent() == []
     (tmp_path / "a.off").touch()
@@ -35,18 +36,30 @@ def test_recent_files_are_listed_once_latest_first(folder, tmp_path, monkeypatch
     recent = folder.path / "recent.json"
     known = json.loads(recent.read_text())
     recent.write_text(json.dumps([None, {}, "", "a\0b", "x" * 5000, str(tmp_path), *known]))
-    assert folder.recent() == [tmp_path / "a.off"]
+    assert folder.recent() == [(tmp_path / "a.off",)]
+
+
+def test_two_files_opened_together_are_one_recent_entry(folder, tmp_path):
+    a, b, waves = (tmp_path / name for name in ("a.off", "b.off", "waves.npy"))
+    for path in (a, b, waves):
+        path.touch()
+        folder.add_recent(path)
+    folder.add_recent(a, b)
+    folder.add_recent(a, waves)
+    assert folder.recent() == [(a, waves), (a, b), (waves,), (b,)]
+    waves.unlink()
+    assert folder.recent() == [(a, b), (b,)]
 
 
 def test_preferences_are_kept(folder, tmp_path):
     preferences, other = PreferenceFile(folder), PreferenceFile(folder)
     assert preferences.now == Preferences()
     preferences.change(theme="dark", columns={"batch": ("residual", "seconds")})
-    other.change(ui_scale=1.5, folders={"mesh": "/meshes"})
+    other.change(ui_scale=1.5, folders={"meshes": ("/a", "/b")})
     assert PreferenceFile(StateFolder(folder.path)).now == Preferences(
         theme="dark",
         ui_scale=1.5,
-        folders={"mesh": "/meshes"},
+        folders={"meshes": ("/a", "/b")},
         columns={"batch": ("residual", "seconds")},
     )
     (tmp_path / "file").touch()

@@ -125,7 +125,7 @@ def open_by_keys_and_drop(gui, mesh_file, tmp_path):
     opened(gui, 42)
     gui.window._dropped([])
     assert gui.errors == {}
-    assert gui.window.files.state.recent() == [mesh_file]
+    assert gui.window.files.state.recent() == [(mesh_file,)]
 
 
 def list_ten_thousand_files(gui, monkeypatch):

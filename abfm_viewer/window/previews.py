@@ -1,0 +1,125 @@
+"""Previews of files in file dialogs, and pictures of autosaved copies."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from PIL import Image
+
+import abfm
+from abfm import AbfmError, TriangleMesh
+from abfm.errors import one_line
+from abfm.types import FloatArray
+from abfm.wording import capital
+from abfm_viewer.computing.background import Latest
+from abfm_viewer.dialogs.file_dialog import Preview, size_text
+from abfm_viewer.document.document import Document
+from abfm_viewer.document.kinds import SequenceDocument
+from abfm_viewer.files.contents import (
+    MESHES,
+    PROJECT,
+    RESULT,
+    Contents,
+    contents_of,
+    is_named_as_frames,
+)
+from abfm_viewer.files.project import load_project
+from abfm_viewer.pictures.thumbnails import View, thumbnails
+from abfm_viewer.scene.textures import Textures
+
+_SIZE = 224, 190
+_SIZE_OF_PART = 224, 116  # if a file has several pictures
+_FILE_BYTES_MAX = 100_000_000
+_VIEWS_MAX = 3
+_NAME = "preview of a file"
+
+
+class FilePreview(NamedTuple):
+    picture: Image.Image | None
+    lines: tuple[str, ...]
+
+
+class Previews:
+    """The preview of one file at a time, which is computed in the background."""
+
+    def __init__(self, textures: Textures) -> None:
+        self._textures = textures
+        self._job: Latest[FilePreview] = Latest()
+
+    def find(self, path: Path) -> Preview | None:
+        """Return the preview of a file; None for a folder or a file of another kind."""
+        is_known = path.name.lower().endswith((*MESHES, PROJECT, RESULT))
+        if not is_known or is_named_as_frames(path):
+            return None
+        found = self._job.request(path, partial(read_preview, path))
+        if found is None:
+            return Preview(None, (0, 0), (self._job.error or "reading ...",))
+        picture = found.picture
+        texture = None if picture is None else self._textures.find(_NAME, picture)
+        return Preview(texture, picture.size if picture else (0, 0), found.lines)
+
+    def close(self) -> None:
+        self._job.close()
+
+
+def read_preview(path: Path) -> FilePreview:
+    """Return a picture of a mesh, result or project, and lines of text that describe it."""
+    try:
+        size = path.stat().st_size
+        if size > _FILE_BYTES_MAX:
+            return FilePreview(None, (f"no preview of files above {size_text(_FILE_BYTES_MAX)}",))
+        views, lines = _views_of(path)
+    except (AbfmError, OSError, MemoryError) as error:
+        return FilePreview(None, (one_line(str(error), 200),))
+    return FilePreview(stacked(views), lines)
+
+
+def _views_of(path: Path) -> tuple[list[View], tuple[str, ...]]:
+    if path.name.lower().endswith(PROJECT):
+        document, _ = load_project(path)
+        return views_of_document(document), (document.name, *_sizes(document.surface().mesh))
+    if contents_of(path) is not Contents.DOCUMENT:
+        mesh = abfm.load_mesh(path)
+        return [View(mesh)], _sizes(mesh)
+    task = abfm.loading.task_of_file(path)
+    assert task is not None
+    mesh, functions = task.file.preview(path)
+    views = [View(mesh, values) for values in functions[:_VIEWS_MAX]]
+    return views, (capital(", ".join(task.preview_labels)), *_sizes(mesh))
+
+
+def views_of_document(document: Document) -> list[View]:
+    """Return the source and target of a match, the first frame, or the plain surfaces."""
+    if isinstance(document, SequenceDocument):
+        return [View(document.surface().mesh, document.sequence.frames.values[0, :, 0])]
+    if (match := document.match) is not None:
+        return [View(match.mesh, values[:, 0]) for values in (match.source, match.target)]
+    views = {}
+    for side in ("source", "target"):
+        mesh = document.surface(side).mesh
+        spec = document.active.spec(side) if document.active else ""
+        views[side] = View(mesh, _values(mesh, spec))
+    return list(views.values()) if views["source"].values is not None else [views["target"]]
+
+
+def _values(mesh: TriangleMesh, spec: str) -> FloatArray | None:
+    with suppress(AbfmError):
+        return abfm.function(mesh, spec) if spec else None
+    return None
+
+
+def stacked(views: list[View]) -> Image.Image:
+    """Return a picture of each view, one below the other, on a transparent ground."""
+    size = _SIZE if len(views) == 1 else _SIZE_OF_PART
+    pictures = thumbnails(views, size)
+    sheet = Image.new("RGBA", (size[0], size[1] * len(pictures)))
+    for number, picture in enumerate(pictures):
+        sheet.paste(picture, (0, number * size[1]))
+    return sheet
+
+
+def _sizes(mesh: TriangleMesh) -> tuple[str, str]:
+    return f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"
