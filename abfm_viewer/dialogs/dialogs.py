@@ -100,7 +100,7 @@ class OtherDialog(Protocol):
     def draw(self, ui: Ui, /) -> Any: ...
 
 
-AnyDialog = Question | FileDialog | NativeDialog | Message | OtherDialog
+AnyDialog = Question | FileDialog | NativeDialog | Message | Palette | OtherDialog
 
 
 class Stored(Protocol):
@@ -140,7 +140,7 @@ class Dialogs:
         return bool(self._open)
 
     def has_question(self, title: str) -> bool:
-        return any(one.title == title for one, _ in self._open)
+        return any(getattr(one, "title", "") == title for one, _ in self._open)
 
     def open(
         self,
