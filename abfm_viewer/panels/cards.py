@@ -1,7 +1,7 @@
 """Cards over the surfaces: errors with their remedies, and the progress of long operations."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,9 +17,12 @@ from abfm_viewer.widgets.containers import card
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
-_CARDS_MAX = 3  # shown at once
+_CARDS_MAX = 2  # shown at once
+# The following lengths are in pixels at a scale of 1.
 _WIDTH = 460
 _EDGE = 10
+_HEIGHT_MIN = 90  # of the area of cards below the names of surfaces
+_HEIGHT_OF_SEVERAL = 150
 _CARD_DELAY_SECONDS = 0.3  # shorter operations have no card
 
 
@@ -36,26 +39,42 @@ class _Work:
     tip: str = ""  # of the button Cancel
 
 
-def draw(context: Context, rect: Rect) -> None:
-    """Draw operations in progress, and below them the latest cards, in an area of the window."""
+def draw(context: Context, rect: Rect, captions: Sequence[Rect]) -> None:
+    """Draw operations in progress, and above them the latest cards, in an area of the window.
+
+    They lie at the bottom right. They do not cover ``captions``, the names of the surfaces.
+    """
     ui, cards = context.ui, context.session.notices.cards
-    left, top, right, bottom = rect
-    width = min(ui.px(_WIDTH), right - left - 2 * ui.px(_EDGE))
     drawn: list[tuple[str, Color, Callable[[], None]]] = [
         (work.name, ui.colors.accent, partial(_draw_work, ui, work))
         for work in (_opening(context.session), _ending(context))
         if work is not None and work.elapsed > _CARD_DELAY_SECONDS
     ]
-    for number, message in enumerate(cards[:_CARDS_MAX], 1):
-        more = len(cards) - _CARDS_MAX if number == _CARDS_MAX else 0
+    left, top, right, bottom = area(rect, captions, ui.scale)
+    count = _CARDS_MAX if bottom - top >= ui.px(_HEIGHT_OF_SEVERAL) else 1
+    for number, message in enumerate(cards[:count], 1):
+        more = len(cards) - count if number == count else 0
         do = partial(_draw_message, context, message, more)
         drawn.append((f"message {number}", ui.colors.failure, do))
-    top += ui.px(_EDGE)
     for name, color, draw_card in drawn:
-        with card(ui, name, ((left + right - width) / 2, top, width), color, bottom - top):
+        with card(ui, name, (left, bottom, right - left), color, bottom - top):
             draw_card()
-            end = imgui.GetWindowPos()[1] + imgui.GetWindowHeight()
-        top = float(end) + ui.px(_EDGE / 2)
+            bottom = float(imgui.GetWindowPos()[1]) - ui.px(_EDGE / 2)
+
+
+def area(rect: Rect, captions: Sequence[Rect], scale: float) -> Rect:
+    """Return the area of the cards: below all captions of the scene, or above them if too low."""
+    edge, (left, top, right, bottom) = _EDGE * scale, rect
+    begin, end = max(right - _WIDTH * scale, left) + edge, right - edge
+    if captions and all(one[2] < (left + right) / 2 for one in captions):  # left of the surfaces
+        begin = max(begin, *(one[2] for one in captions))
+    over = [one for one in captions if one[0] < end and begin < one[2]]
+    lowest = max((one[3] for one in over), default=top) + edge
+    highest = min((one[1] for one in over), default=bottom) - edge
+    bottom -= edge
+    if bottom - lowest < min(_HEIGHT_MIN * scale, highest - top):
+        return begin, top + edge, end, highest
+    return begin, lowest, end, bottom
 
 
 def _draw_message(context: Context, message: Card, more: int) -> None:
@@ -73,7 +92,7 @@ def _draw_message(context: Context, message: Card, more: int) -> None:
     ):
         notices.dismiss(message)
     if more > 0:
-        ui.note(f"and {more} more")
+        ui.note(f"and {more} more: Help > Messages")
 
 
 def _opening(session: Session) -> _Work | None:

@@ -85,13 +85,14 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
 def card(
     ui: Ui, name: str, place: tuple[float, float, float], color: Color, highest: float
 ) -> Iterator[None]:
-    """Draw a window with a coloured edge, without focus, as high as its contents.
+    """Draw an opaque window with a coloured edge, without focus, as high as its contents.
 
-    ``place`` is its left side, top and width, and ``highest`` its maximum height, in pixels.
+    ``place`` is its left side, bottom and width, and ``highest`` its maximum height, in pixels.
     """
-    left, top, width = place
-    imgui.SetNextWindowPos((left, top))
+    left, bottom, width = place
+    imgui.SetNextWindowPos((left, bottom), imgui.ImGuiCond_Always, (0, 1))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
+    imgui.SetNextWindowBgAlpha(1)  # also behind a dialog
     border, rounding = max(1.0, 2 * ui.scale), ui.px(6)
     sizes = {
         imgui.ImGuiStyleVar_WindowBorderSize: border,

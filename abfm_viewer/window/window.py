@@ -318,7 +318,7 @@ class Window(Context):
                 self.guarded("table", result_table.draw, self, parts.table)
             self.guarded("time bar", time_bar.draw, self, parts.time_bar)
             self.guarded("status line", status_line.draw, self, parts.status)
-            self.guarded("messages", cards.draw, self, parts.scene)
+            self.guarded("messages", self._draw_cards, parts.scene)
         keys_are_free = keys_are_free and not self.dialogs.is_open
         self.guarded("dialog", self.dialogs.draw, self.ui)
         if keys_are_free:
@@ -350,6 +350,12 @@ class Window(Context):
             self.guarded("mouse", self.mouse.update, session, scene, rect, not self.dialogs.is_open)
         self.guarded("markers", self.gaussian_markers.draw, ui, session, scene, rect)
         self.guarded("labels", draw_annotations, ui, scene, rect, has_bar)
+
+    def _draw_cards(self, rect: Rect) -> None:
+        left, top, right, bottom = rect
+        scene = self.scene
+        captions = [scene.view_of(name).label(name) for name in scene.shown]
+        cards.draw(self, (left, top, right, bottom - scene.bars_height), captions)
 
     def _update(self) -> None:
         self._is_busy = self._moves()

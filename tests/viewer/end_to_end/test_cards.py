@@ -13,6 +13,8 @@ from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, SHORT, begin, match
 
+WINDOW = (560, 560)  # high enough for two cards below the names of surfaces in a row
+
 
 @pytest.fixture
 def two_spheres(tmp_path):
@@ -35,6 +37,7 @@ def cards(gui):
 
 def test_tour_of_remedies(gui, walk):
     """Files that cannot be read or written have cards with remedies until they are repaired."""
+    gui.session.editor.set_view("row", layout="row")
     walk(gui, copy_the_log_and_read_the_title, open_the_largest_component, merge_and_clean)
     walk(gui, open_another_table, repair_a_bad_file, retry_a_failed_save)
     walk(gui, return_the_keyboard, leave_mouse_and_keys)
@@ -42,8 +45,9 @@ def test_tour_of_remedies(gui, walk):
 
 def test_tour_of_questions(gui, walk):
     """Meshes are opened, and the window closed, during a run and after it, with questions."""
+    gui.session.editor.set_view("row", layout="row")
     walk(gui, cancel_opening)
-    walk(gui, answer_during_a_run, show_three_cards, parameters=ENDLESS)
+    walk(gui, answer_during_a_run, show_two_cards, parameters=ENDLESS)
     walk(gui, save_replaced_document, parameters=SHORT)
 
 
@@ -124,7 +128,7 @@ def repair_a_bad_file(gui, tmp_path):
     assert cards(gui) == [first]
 
 
-def show_three_cards(gui):
+def show_two_cards(gui):
     notices, done = gui.session.notices, []
     begin(gui)
     for word in ("first", "second"):  # the file has one card, with the newest remedies
@@ -136,7 +140,7 @@ def show_three_cards(gui):
     gui.key("esc")
     for number in (0, 1, 2, 3, 4, 4):  # the last message is not repeated
         notices.show(f"problem {number}", is_error=True)
-    assert cards(gui) == [["Dismiss"]] * 3
+    assert cards(gui) == [["Dismiss"]] * 2
     gui.click("Dismiss", "message 2")
     assert [card.text[-1] for card in notices.cards] == ["4", "2", "1", "0"]
     gui.key("esc")

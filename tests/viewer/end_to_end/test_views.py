@@ -14,6 +14,7 @@ from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.run import RunState
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.keyboard import AXES
+from abfm_viewer.panels import cards
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
@@ -253,6 +254,7 @@ def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
     check_message(next(text for text in notes if "thinking" in text))
     assert not session.saves.unsaved
     monkeypatch.undo()
+    monkeypatch.setattr(cards, "_CARD_DELAY_SECONDS", 1e9)  # the card covers a surface
     bare = picture(gui, tmp_path)
     assert scene.paints == {}
     for name in SURFACES:
