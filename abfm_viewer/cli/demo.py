@@ -3,11 +3,11 @@
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from abfm import Match, Parameters, Problem, load_mesh
 from abfm.assets import asset_path
-from abfm.errors import printable
 from abfm.functions import function
 from abfm.matching.task import MatchTask
 from abfm_viewer import pictures
@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
         shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
-        more = "".join(f", {printable(path)}" for path in drawings) if drawn else ""
-        print(outcome.summary() + more)
+        written = [*outcome.outputs, *(drawings if drawn else [])]
+        print(replace(outcome, outputs=written).summary())
     if outcome.status not in (0, UNMATCHED_STATUS):
         return outcome.status
     if match.worse_residual > RESIDUAL_MAX:
