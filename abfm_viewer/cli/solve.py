@@ -33,6 +33,8 @@ from abfm_viewer.cli.explain import help_lines
 from abfm_viewer.cli.progress import long_steps, task_progress
 from abfm_viewer.files import outputs
 
+_DRAWN_KINDS = ("match", "registration", "sequence")  # of results that `abfm render` draws
+
 
 class Command:
     def __init__(self, task: type[Task]) -> None:
@@ -140,7 +142,9 @@ class Solved:
         advice = self.task.report.advice(self.result, file or "RESULT.npz")
         if then := "; ".join([f"advice: {advice}"] * bool(advice) + help_lines(facts)):
             lines.append(then)
-        elif file and not self.checkpoints:
+        elif page := next((name for name in names if name.endswith(".html")), ""):
+            lines.append(f"next: open {page} in a browser")
+        elif file and not self.checkpoints and self.task.kind in _DRAWN_KINDS:
             picture = printable(str(Path(file).with_suffix(".png")))
             lines.append(f"next: abfm render {file} --out {picture}")
         about = f"; abfm info {file} prints more" if file else ""
