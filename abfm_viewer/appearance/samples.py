@@ -6,7 +6,7 @@ from pathlib import Path
 
 MESHES = {
     "human_A.off": "A human, coarse",
-    "human_B.off": "The same human with the same vertices, in another pose",
+    "human_B.off": "The same vertices in another pose",
     "human_fine_A.off": "The first human with more triangles",
     "eight.off": "Two holes, and fields that go around them",
     "fandisk.off": "A mechanical part with sharp edges",
@@ -15,17 +15,15 @@ MESHES = {
 PAIR = "human_A.off to human_B.off"
 CORTEX = "Cortex, left to right"
 PAIRS = {
-    PAIR: "A pair of shapes: one pose is registered to the other",
-    CORTEX: "A pair of cortices as spheres: sulcal depth of fsaverage5, with nilearn",
+    PAIR: "Two surfaces: register one pose to the other",
+    CORTEX: "Two surfaces: sulcal depth on spheres (nilearn)",
 }
 """Pairs of surfaces A and B and their descriptions."""
 WAVE = "A wave"
-SEQUENCES = {WAVE: "Frames of a spiral wave over a cortex, with nilearn"}
+SEQUENCES = {WAVE: "Frames of a spiral wave over a cortex (nilearn)"}
 """Sequences of frames on a surface and their descriptions."""
 POPULATION = "A population"
-POPULATIONS = {
-    POPULATION: "A function on a human, moved by known flows to eight subjects, and an outlier"
-}
+POPULATIONS = {POPULATION: "A table: eight subjects and an outlier"}
 """Populations registered to a template, opened as a table, and their descriptions."""
 PICTURE_SOURCES = {POPULATION: "human_A.off"}
 """Samples without a thumbnail, and the sample whose thumbnail they use."""

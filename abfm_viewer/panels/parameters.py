@@ -149,13 +149,13 @@ def draw(context: Context) -> None:
 def _preset(ui: Ui, session: Session) -> None:
     now = row_of(session.parameters)
     shown = (
-        now.name
+        now.label
         if now
         else _DEFAULTS
         if session.parameters == _DEFAULT_PARAMETERS
         else _CUSTOM_VALUES
     )
-    rows = {row.name: row for row in TABLE_1.values()}
+    rows = {row.label: row for row in TABLE_1.values()}
     tips = {_CUSTOM_VALUES: ""} if shown == _CUSTOM_VALUES else {}
     tips[_DEFAULTS] = "Recommended for most meshes and functions."
     tips |= {name: row.about for name, row in rows.items()}

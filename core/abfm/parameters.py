@@ -348,7 +348,7 @@ TITLES = {
     5: "the smoothest field that commutes with another",
     6: "a field pushed forward along another",
     7: "eigenfunction 7 becomes eigenfunction 8",
-    8: "optical flow: recover the field that made the target",
+    8: "optical flow: recover the field of a target",
     9: "a symmetry as a flow",
     10: "a symmetry as a flow, on a shape with creases",
     11: "functions with jumps become smooth ones",
@@ -371,6 +371,7 @@ class TableRow:
     """
 
     figure: int
+    purpose: str  # the functions for which the row is suitable
     tau: float
     alpha: float
     beta: float
@@ -384,8 +385,13 @@ class TableRow:
         return f"Fig. {self.figure}"
 
     @property
+    def label(self) -> str:
+        """Purpose and name: ``distant bumps (Fig. 1)``."""
+        return f"{self.purpose} ({self.name})"
+
+    @property
     def about(self) -> str:
-        return f"{TITLES[self.figure]}\n\n{NOTE}"
+        return f"Figure {self.figure}: {TITLES[self.figure]}\n\n{NOTE}"
 
     @property
     def values(self) -> dict[str, Any]:
@@ -415,14 +421,18 @@ class TableRow:
 TABLE_1 = {
     row.figure: row
     for row in (
-        TableRow(1, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
-        TableRow(3, tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
-        TableRow(7, tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
-        TableRow(8, tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200),
-        TableRow(9, tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
-        TableRow(10, tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20),
-        TableRow(11, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
-        TableRow(12, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(1, "distant bumps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
+        TableRow(3, "other widths of bumps", tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
+        TableRow(7, "smooth waves", tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
+        TableRow(
+            8, "recovery of a flow", tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200
+        ),
+        TableRow(9, "symmetric shapes", tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
+        TableRow(
+            10, "symmetry with creases", tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20
+        ),
+        TableRow(11, "functions with jumps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(12, "improved maps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
     )
 }
 """The rows of Table 1 by figure, in its order."""

@@ -13,6 +13,8 @@ from abfm.pages.colormaps import (
     polyscope_name,
     table,
 )
+from abfm.parameters import TITLES
+from abfm_viewer.appearance.samples import MESHES, PAIRS, POPULATIONS, SEQUENCES
 from abfm_viewer.appearance.theme import DARK_PALETTE, LANDMARKS, ON_LANDMARKS, palette
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.scene.opengl import material_pictures
@@ -190,3 +192,9 @@ def test_residual_curves_and_failure_have_other_hues(colors):
     ):
         angle = degrees_between(getattr(colors, term), getattr(colors, reserved))
         assert angle > minimum, (term, reserved)
+
+
+def test_descriptions_of_samples_fit_their_entries():
+    """An entry of the menu has space for about 52 letters next to its thumbnail."""
+    descriptions = *MESHES.values(), *PAIRS.values(), *SEQUENCES.values(), *POPULATIONS.values()
+    assert max(map(len, (*descriptions, *TITLES.values()))) <= 50

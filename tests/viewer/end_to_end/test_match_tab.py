@@ -179,14 +179,14 @@ def show_five_parameters_first(gui):
 def set_presets_and_a_mask(gui):
     rows = list(TABLE_1.values())
     for preset in (*rows[1:], rows[0]):
-        gui.choose("preset", preset.name)
+        gui.choose("preset", preset.label)
         assert preset.matches(gui.session.parameters)
-    assert gui.text_of("preset") == rows[0].name
+    assert gui.text_of("preset") == rows[0].label
     gui.click("preset")
     tips = {w.label: w.tip for w in gui.window.ui.widgets if w.section.endswith("/preset")}
     gui.key("escape")
-    assert [label for label in tips if label != "defaults"] == [row.name for row in rows]
-    assert all(TITLES[row.figure] in tips[row.name] for row in rows)
+    assert [label for label in tips if label != "defaults"] == [row.label for row in rows]
+    assert all(TITLES[row.figure] in tips[row.label] for row in rows)
     gui.type("alpha", "12")
     assert gui.text_of("preset") == "custom values"
     own = gui.session.parameters
