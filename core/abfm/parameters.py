@@ -356,6 +356,17 @@ TITLES = {
     13: "accuracy of the maps",
 }
 """A short title of each figure."""
+_PURPOSES = {
+    1: "distant bumps",
+    3: "bumps of other widths",
+    7: "smooth waves",
+    8: "recovery of a flow",
+    9: "symmetric shapes",
+    10: "symmetry with creases",
+    11: "functions with jumps",
+    12: "improved maps",
+}
+"""The functions for which the parameters of a figure are suitable."""
 FIGURES = tuple(TITLES)
 
 _STAGES = 3
@@ -371,7 +382,6 @@ class TableRow:
     """
 
     figure: int
-    purpose: str  # the functions for which the row is suitable
     tau: float
     alpha: float
     beta: float
@@ -387,7 +397,7 @@ class TableRow:
     @property
     def label(self) -> str:
         """Purpose and name: ``distant bumps (Fig. 1)``."""
-        return f"{self.purpose} ({self.name})"
+        return f"{_PURPOSES[self.figure]} ({self.name})"
 
     @property
     def about(self) -> str:
@@ -421,18 +431,14 @@ class TableRow:
 TABLE_1 = {
     row.figure: row
     for row in (
-        TableRow(1, "distant bumps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
-        TableRow(3, "other widths of bumps", tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
-        TableRow(7, "smooth waves", tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
-        TableRow(
-            8, "recovery of a flow", tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200
-        ),
-        TableRow(9, "symmetric shapes", tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
-        TableRow(
-            10, "symmetry with creases", tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20
-        ),
-        TableRow(11, "functions with jumps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
-        TableRow(12, "improved maps", tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(1, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, n=10),
+        TableRow(3, tau=2, alpha=1e3, beta=1e-5, sigma=1e-4, n=40),
+        TableRow(7, tau=1, alpha=1e3, beta=0, sigma=1e-1, cooled=True, N=20),
+        TableRow(8, tau=10, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=200),
+        TableRow(9, tau=1, alpha=1, beta=1e-4, sigma=5e-3, n=20),
+        TableRow(10, tau=1, alpha=1e3, beta=0, sigma=1e-2, cooled=True, n=20),
+        TableRow(11, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
+        TableRow(12, tau=1, alpha=1, beta=0, sigma=1e-2, cooled=True, N=10),
     )
 }
 """The rows of Table 1 by figure, in its order."""
