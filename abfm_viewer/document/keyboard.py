@@ -28,6 +28,7 @@ KEYS: Mapping[str, str] = {
     "start": "Home",
     "end": "End",
     "search": "Ctrl+K",
+    "copy rows": "Ctrl+C",
     "theme": "L",
     "shortcuts": "F1",
     "reset camera": "R",

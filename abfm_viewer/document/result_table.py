@@ -70,6 +70,12 @@ class ResultRow:
     def verdict(self) -> Outcome:
         return self.facts.outcome
 
+    @property
+    def picture(self) -> Path | None:
+        """The small picture that a batch has drawn of the result, if there is one."""
+        path = self.path and self.path.parent / "pictures" / f"{self.path.stem}.png"
+        return path if path and path.is_file() else None
+
     def label_document(self, document: Document) -> Document:
         """Return a document with the row's name, and with the names of functions in the table."""
         specs = [spec for channel in document.channels for spec in channel.specs]
@@ -88,6 +94,13 @@ class ResultRow:
         """Return whether name, verdict and reason contain all words, which are in lower case."""
         text = f"{self.name} {self.verdict} {self.facts.reason}".lower()
         return all(word in text for word in words)
+
+
+def as_text(columns: Sequence[Name], rows: Sequence[ResultRow]) -> str:
+    """Return the headings and the cells of rows, separated by tabs, as spreadsheets read them."""
+    heads = [COLUMNS[column].head for column in columns]
+    cells = [[" ".join(row.cell_text(column).split()) for column in columns] for row in rows]
+    return "\n".join(map("\t".join, (heads, *cells)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,14 @@ from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.comparison import ComparisonKind
-from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
+from abfm_viewer.document.keyboard import hint
+from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow, ResultTable, as_text
+from abfm_viewer.panels import row_comparison
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.result_tables import Tables
-from abfm_viewer.widgets.containers import window
-from abfm_viewer.widgets.toolkit import Pushed, TextTone, Ui
+from abfm_viewer.widgets.containers import menu_button, menu_item, window
+from abfm_viewer.widgets.toolkit import Pushed, TextTone, Ui, close_by_escape
 from abfm_viewer.widgets.widget_record import Rect
 
 _COMPARISON_TIPS: dict[ComparisonKind, str] = {
@@ -49,6 +51,10 @@ _SPARE_COLUMNS: tuple[Name, ...] = (
 """Columns that are hidden in a narrow table, in this order; the tooltip of a row shows them."""
 _HINT = "in names and reasons"
 _REFRESH_TIP = "Read the folder now. It is also checked every two seconds."
+_COMPARE_TIP = (
+    "Show the selected rows side by side, with pictures if a batch has drawn them. Ctrl+click "
+    "and Shift+click select several rows."
+)
 _CLOSE_TIP = "Close the table. The surfaces stay the same."
 _MARGIN_ROWS = 3  # number of rows drawn above and below the visible rows
 _ENDS = Memo[FloatArray]()
@@ -70,17 +76,55 @@ def draw(context: Context, rect: Rect) -> None:
         x, y = imgui.GetMousePos()
         tables.has_keys = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
     with window(ui, "result table", rect), ui.group("table"):
-        _draw_line(ui, tables)
+        _draw_line(context, tables)
         draw_help(context, "quality columns")
-        if tables.table is not None:
-            _draw_rows(ui, tables)
+        rows = tables.selection
+        tables.is_comparing = tables.is_comparing and len(rows) > 1
+        if tables.table is not None and tables.is_comparing:
+            row_comparison.draw(context, rows, imgui.GetContentRegionAvail())
+        elif tables.table is not None:
+            _draw_rows(context, tables)
 
 
-def _draw_line(ui: Ui, tables: Tables) -> None:
-    table = tables.table
+def shown_columns(context: Context, table: ResultTable) -> tuple[Name, ...]:
+    """Return the columns that the user chose for this kind of table, by default all of them."""
+    chosen = context.preferences.get("columns").get(table.noun, table.columns)
+    return tuple(name for name in table.columns if name == "name" or name in chosen)
+
+
+def _menu(context: Context, tables: Tables, cell: str = "") -> None:
+    """Draw the entries of the menu of the table; ``cell`` is the text of the cell below it."""
+    ui, table = context.ui, tables.table
     assert table is not None
-    buttons = ("Refresh", "Close table")
-    taken = sum(ui.text_width(label) + ui.px(26) for label in buttons)
+    columns = shown_columns(context, table)
+    if cell and menu_item(ui, "Copy cell"):
+        imgui.SetClipboardText(cell)
+    if menu_item(ui, "Copy rows", hint("copy rows"), enabled=bool(tables.selection)):
+        copy_rows(context)
+    if menu_item(ui, "Copy table"):
+        imgui.SetClipboardText(as_text(columns, tables.rows))
+    imgui.Separator()
+    for name in table.columns[1:]:
+        if menu_item(ui, COLUMNS[name].head, checked=name in columns):
+            chosen = tuple(each for each in table.columns if each in {*columns} ^ {name})
+            stored = context.preferences.get("columns")
+            context.preferences.change(columns={**stored, table.noun: chosen})
+
+
+def copy_rows(context: Context) -> None:
+    """Copy the selected rows as text to the clipboard."""
+    tables = context.files.tables
+    if tables.table is not None and tables.selection:
+        columns = shown_columns(context, tables.table)
+        imgui.SetClipboardText(as_text(columns, tables.selection))
+
+
+def _draw_line(context: Context, tables: Tables) -> None:
+    ui, table = context.ui, tables.table
+    assert table is not None
+    compare = "Back to rows" if tables.is_comparing else "Compare rows"
+    buttons = (compare, "Refresh", "Close table")
+    taken = sum(ui.text_width(label) + ui.px(26) for label in buttons) + ui.px(40)
     search = ui.text_width(_HINT) + 2 * imgui.GetStyle().FramePadding[0] + ui.px(2)
     taken += search + ui.text_width("search") + ui.px(16)
     if table.has_comparisons:
@@ -109,6 +153,14 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         enabled = row is not None and row.path is not None
         if ui.button("Registration", tip, enabled=enabled) and row is not None:
             tables.open_result(row)
+    ui.same_line_if_fits(compare, is_button=True)
+    is_several = len(tables.selection) > 1
+    if ui.button(f"{compare}##Compare rows", _COMPARE_TIP, enabled=is_several):
+        tables.is_comparing = not tables.is_comparing
+    ui.same_line_if_fits("", is_button=True)
+    with menu_button(ui, "table options", "Choose columns, or copy rows.", True) as is_open:
+        if is_open:
+            _menu(context, tables)
     ends = (
         ("Refresh", _REFRESH_TIP, tables.refresh),
         ("Close table", _CLOSE_TIP, tables.close_table),
@@ -119,21 +171,30 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
             act()
 
 
-def _draw_rows(ui: Ui, tables: Tables) -> None:
-    table, rows = tables.table, tables.rows
+def _draw_rows(context: Context, tables: Tables) -> None:
+    ui, table, rows = context.ui, tables.table, tables.rows
     assert table is not None
     left, top = imgui.GetCursorScreenPos()
     width, high = imgui.GetContentRegionAvail()
-    columns = _fitting(ui, table.columns, width)
+    columns = _fitting(ui, shown_columns(context, table), width)
     # without matching rows, draw only the headings, and the message below them
     has_no_match = not rows and bool(tables.search.strip())
     size = 0.0, _height_of_rows(0.0 if has_no_match else high)
-    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, size):
+    if not imgui.BeginTable(f"rows of {columns}", len(columns), _FLAGS, size):
         return
     try:
         with ui.record.within("rows", (left, top, left + width, top + high)):
             width = _draw_heads(ui, tables, columns)
+            is_menu = imgui.IsMouseClicked(1) and imgui.IsWindowHovered() and ui.record.enabled
+            tables.menu_cell = "" if is_menu else tables.menu_cell
             _draw_cells(ui, tables, columns, (rows, _ends(rows, width)))
+            if is_menu:
+                imgui.OpenPopup("cell")
+        if imgui.BeginPopup("cell"):
+            with ui.record.within("cell", ui.record.areas[0]):
+                _menu(context, tables, tables.menu_cell)
+            close_by_escape()
+            imgui.EndPopup()
     finally:
         imgui.EndTable()
     if has_no_match:
@@ -268,11 +329,12 @@ def _draw_row(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: tuple[ResultRow, float]
 ) -> None:
     row, high = placed
-    is_chosen, padding = row.key == tables.cursor, _row_height() - imgui.GetTextLineHeight()
-    flags = imgui.ImGuiSelectableFlags_SpanAllColumns
+    is_chosen, padding = row in tables.selection, _row_height() - imgui.GetTextLineHeight()
+    flags, is_hovered = imgui.ImGuiSelectableFlags_SpanAllColumns, False
     for place, column in enumerate(columns):
         imgui.TableSetColumnIndex(place)
         text, room = row.cell_text(column), float(imgui.GetContentRegionAvail()[0])
+        left = imgui.GetCursorScreenPos()[0]
         if column == "name":
             shown = ui.fitted(text, room).replace("##", "# #")  # ImGui hides text after ##
             clicked = imgui.Selectable(
@@ -294,8 +356,15 @@ def _draw_row(
             tip = "\n\n".join(filter(None, parts))
             ui.record_item(row.name, "choice", text=state, tip=tip)
             ui.tip(tip)
+            io, is_hovered = imgui.GetIO(), bool(imgui.IsItemHovered())
             if clicked and ui.record.enabled:
-                tables.choose(row)
+                if io.KeyCtrl or io.KeyShift:
+                    tables.select_also(row, is_range=io.KeyShift)
+                else:
+                    tables.choose(row)
+        if is_hovered and imgui.IsMouseClicked(1) and left <= imgui.GetMousePos()[0] < left + room:
+            tables.menu_cell = text
+        if column == "name":
             continue
         if COLUMNS[column].digits:
             spare = room - ui.text_width(text)

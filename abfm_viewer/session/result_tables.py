@@ -14,6 +14,7 @@ import numpy as np
 
 import abfm
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.comparison import Comparison, ComparisonKind
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
@@ -123,6 +124,9 @@ class Tables:
         self.search = ""
         self.comparison_kind: ComparisonKind = "difference"  # how subjects are compared
         self.cursor: Key | None = None  # key of the selected row
+        self.selected: tuple[Key, ...] = ()  # keys of several selected rows
+        self.menu_cell = ""  # text of the cell on which a menu was opened
+        self.is_comparing = False  # whether the selected rows are shown side by side
         self.has_keys = False  # whether the keys Up and Down move the cursor
         self.scrolls = False  # whether the selected row must be scrolled into view
         self._session, self._load = session, load
@@ -147,6 +151,12 @@ class Tables:
         return None if self.table is None else self.table.find(self.cursor)
 
     @property
+    def selection(self) -> tuple[ResultRow, ...]:
+        """The selected rows in the order of the table: several, or that of the cursor."""
+        keys = self.selected or (self.cursor,)
+        return tuple(row for row in self.rows if row.key in keys)
+
+    @property
     def error(self) -> str:
         """Reason why the table could not be read again; empty without an error."""
         return self._latest.error
@@ -166,6 +176,8 @@ class Tables:
     @property
     def summary(self) -> str:
         """Text above the rows: count of verdicts, or that the selected row has no result."""
+        if len(self.selection) > 1:
+            return f"{len(self.selection)} of {counted(len(self.rows), 'row')} selected"
         if (row := self.unshown_row) is not None:
             return f"{row.name} has no result; {self._session.document.name} is still shown"
         return "" if self.table is None else f"{self.table.summary}; {self.table.title}"
@@ -197,6 +209,20 @@ class Tables:
 
     def close_table(self) -> None:
         self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
+        self.selected, self.is_comparing = (), False
+
+    def select_also(self, row: ResultRow, is_range: bool = False) -> None:
+        """Add a row to the selection or remove it, or add all rows from the cursor to this row."""
+        keys = self.selected or ((self.cursor,) if self.cursor else ())
+        if is_range:
+            of_rows = [each.key for each in self.rows]
+            ends = [of_rows.index(key) for key in (self.cursor, row.key) if key in of_rows]
+            self.selected = tuple(of_rows[min(ends) : max(ends) + 1])
+        elif row.key in keys:
+            self.selected = tuple(key for key in keys if key != row.key)
+        else:
+            self.selected = (*keys, row.key)
+        self.has_keys = True
 
     def sort(self, column: Name) -> None:
         """Sort by a column, numbers descending and texts ascending; a second call reverses."""
@@ -223,7 +249,7 @@ class Tables:
         """Select a row and show its document; without a result, show a notice with the reason."""
         if self.table is None:
             return
-        self.cursor, self.has_keys = row.key, True
+        self.cursor, self.has_keys, self.selected = row.key, True, ()
         if self.table.can_show(row):
             self._open(row, partial(document_of_row, self.table, row, self.comparison_kind))
             return

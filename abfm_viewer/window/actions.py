@@ -14,6 +14,7 @@ from abfm.pages.front import Front, triple
 from abfm_viewer.document.document import Document, Viewpoint
 from abfm_viewer.document.keyboard import AXES, COMMAND, KEYS, hint
 from abfm_viewer.files.contents import PROJECT, RESULT
+from abfm_viewer.panels import result_table
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
@@ -147,6 +148,8 @@ class Actions:
         self.smoother = solver(text, "smoother", lambda: self._select_next(-1))
         text = "show a closer step of the continuation, or the row below in the table"
         self.closer = solver(text, "closer", lambda: self._select_next(1))
+        text, do = "copy the selected rows of the table", partial(result_table.copy_rows, context)
+        self.copy_rows = Action("Table", text, "copy rows", do)
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "play", session.player.toggle)
         self.back = times("back by τ / 20", "back", lambda: step(-STEP), repeats=True)

@@ -3,7 +3,9 @@
 import time
 
 import numpy as np
+import polyscope.imgui as imgui
 import pytest
+from PIL import Image
 
 from abfm import load
 from abfm.batch import Ledger, Row
@@ -11,6 +13,7 @@ from abfm.batch.attempt import WorkItem, attempt
 from abfm.io import write_surface
 from abfm_viewer.appearance.samples import POPULATION
 from abfm_viewer.automation import Driver
+from abfm_viewer.automation.widget_search import middle
 from abfm_viewer.document.kinds import SubjectDocument
 from abfm_viewer.document.result_table import ResultTable
 from abfm_viewer.files.project import load_project
@@ -66,6 +69,7 @@ def test_tour_of_a_batch(folder, tmp_path, monkeypatch):
         open_with_the_worst_row(gui)
         show_rows_by_clicks_and_keys(gui)
         leave_and_undo(gui, tmp_path)
+        copy_and_compare_rows(gui, folder[0])
         for step in (sort_and_search, omit_columns, show_complete_rows):
             with monkeypatch.context() as patched:
                 step(gui, patched)
@@ -117,6 +121,51 @@ def show_rows_by_clicks_and_keys(opened):
     opened.frames(2)
     assert tables.chosen.name == session.document.name
     check_message(tables.summary, tables.table.summary)
+
+
+def copy_and_compare_rows(opened, folder):
+    """Choose columns, and select rows that are copied and shown side by side."""
+    tables, options = opened.window.files.tables, "table options"
+    for head in ("verdict", "along flow lines", "folded", "|log2 J|", "residual"):
+        opened.menu(options, head)
+    assert [*heads_of(opened)] == ["name", "reason"]
+    assert opened.window.preferences.get("columns") == {"row": ("name", "reason")}
+    opened.click("along x", "rows")
+    settle(opened)
+    with opened.input.holding(["ctrl"]):
+        opened.click("along z", "rows")
+    assert {row.name for row in tables.selection} == {"along x", "along z"}
+    assert opened.session.document.name == "along x"
+    assert tables.summary == "2 of 4 rows selected"
+    opened.key("ctrl+c")
+    copied = imgui.GetClipboardText().splitlines()
+    assert copied[0] == "name\treason"
+    assert [line.split("\t")[0] for line in copied[1:]] == [row.name for row in tables.selection]
+    pictures = folder / "pictures"
+    pictures.mkdir()
+    path = next(row.path for row in tables.rows if row.name == "along x")
+    Image.new("RGB", (60, 30), "red").save(pictures / f"{path.stem}.png")
+    opened.click("Compare rows")
+    opened.frames(2)
+    assert rows_of(opened) == []
+    assert opened.errors == {}
+    opened.click("Back to rows")
+    with opened.input.holding(["ctrl"]):
+        opened.click("along z", "rows")
+    assert not opened.is_enabled("Compare rows")
+    with opened.input.holding(["shift"]):
+        opened.click("along z", "rows")
+    assert {row.name for row in tables.selection} == {"along x", "along z"}
+    opened.menu(options, "Copy rows")
+    opened.menu(options, "Copy table")
+    assert len(imgui.GetClipboardText().splitlines()) == 5
+    for head in ("verdict", "along flow lines", "folded", "|log2 J|", "residual"):
+        opened.menu(options, head)
+    opened.input.move(*middle(opened.search.find("along x", "rows"), 0.02))
+    opened.input.press(1)
+    opened.input.release(1)
+    opened.click("Copy cell")
+    assert imgui.GetClipboardText() == "along x"
 
 
 def leave_and_undo(opened, tmp_path):

@@ -14,6 +14,7 @@ import numpy as np
 import polyscope.imgui as imgui
 import pytest
 
+from abfm.matching import Remedy
 from abfm.matching.judging.cause import ADVICE, SENTENCES
 from abfm.matching.judging.verdict import Evidence, judge
 from abfm.matching.solving.record import StopReason
@@ -71,6 +72,9 @@ def _states(gui):
     session.solver.cancel()
     gui.wait(lambda s: s.solver.finished and s.result is not None)
     player.playing = False
+    verdict, offered = session.result.verdict, Remedy("More time", "so", {"iterations": 100})
+    verdict = replace(verdict, remedies=(offered, *verdict.remedies))
+    session.editor.amend(result=replace(session.result, verdict=verdict))
     yield "matched"
     found, verdict = session.result, two_channels_with_other_peaks()
     session.editor.amend(result=replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict))

@@ -8,7 +8,7 @@ from abfm.outcome import Facts, Outcome
 from abfm.population import Channel as PopulationChannel
 from abfm_viewer.document.document import Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
-from abfm_viewer.document.result_table import PopulationTable, ResultRow, ResultTable
+from abfm_viewer.document.result_table import PopulationTable, ResultRow, ResultTable, as_text
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.files.result_tables import _texts
 from abfm_viewer.session.result_tables import document_of_subject
@@ -76,3 +76,14 @@ def test_channels_of_a_subject_have_their_names():
     document, _ = document_of_subject(table, row, "difference")
     names = [[document.display_names[spec] for spec in each.specs] for each in document.channels]
     assert names == [[name, name] for name in ("sulc", "curv", "thick")]
+
+
+def test_copied_rows_are_cells_separated_by_tabs():
+    rows = [
+        ResultRow(
+            0, "a\tname", replace(_MATCHED, reason="two\nlines", numbers={"residual": 0.0123})
+        ),
+        ResultRow(1, "b", _MATCHED),
+    ]
+    copied = as_text(("name", "residual", "reason"), rows)
+    assert copied == "name\tresidual\treason\na name\t1.23%\ttwo lines\nb\t\t"
