@@ -277,7 +277,7 @@ class RunRecord:
     """Energies of one run of the solver, one row for each of its n iterations.
 
     Vertex counts, residuals, sigmas, reaches (distances over which functions are compared, in
-    sqrt(area)) and attempts (numbers from 1) have shape (n,), and are empty if unknown.
+    sqrt(area)) and attempts have shape (n,), and are empty if unknown. Attempts are counted from 1.
     """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch

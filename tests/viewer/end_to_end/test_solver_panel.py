@@ -19,7 +19,7 @@ WINDOW = (640, 480)  # in which every line of the verdict is complete
 
 
 def test_tour_of_runs(gui, walk):
-    """Match, Pause, Resume, Cancel, restarts on changes, and both ways to start."""
+    """Match, Pause, Resume, Cancel, restarts on changes, and both starts."""
     walk(gui, run_to_the_end)
     walk(gui, start_from_the_current_field, parameters=SHORT)
     walk(gui, pause_and_resume, restart_on_changes, parameters=ENDLESS)
