@@ -59,7 +59,11 @@ class Functions:
             ended = "the process that computes functions has ended; try again"
             self._worker = Worker(no_state, ended)
         self._at_once = at_once
-        self._cache: OrderedDict[str, FloatArray] = OrderedDict()
+        self._cache: OrderedDict[str, FloatArray] = OrderedDict(
+            (spec, values)
+            for spec, values in self.known.items()
+            if np.isfinite(values).any() and _can_be_shown(float(np.nanmax(np.abs(values))))
+        )
         self._lock = threading.RLock()
         self._latest: Latest[Evaluated] = Latest(at_once)
         self._requested: tuple[str, ...] = ()
@@ -118,7 +122,7 @@ class Functions:
                 else:
                     values = self._compute(_values, spec)
             largest = float(np.nanmax(np.abs(values)))
-            if largest > _SIZE_MAX or 0 < largest < _SIZE_MIN:
+            if not _can_be_shown(largest):
                 raise FunctionError(
                     f"{brief(spec)} has values up to {largest:.3g}, but the window can show only "
                     f"{_SIZE_MIN:g} to {_SIZE_MAX:g}. Scale the function"
@@ -154,6 +158,10 @@ class Functions:
             return function(self.mesh, *given)
         with step("in a subprocess"):  # it takes seconds to start
             return self._worker.call(_in_subprocess, function, self.mesh, *given).result()
+
+
+def _can_be_shown(largest: float) -> bool:
+    return largest == 0 or _SIZE_MIN <= largest <= _SIZE_MAX
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:

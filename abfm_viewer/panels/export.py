@@ -160,7 +160,7 @@ def draw_state(context: Context) -> None:
         draw_step(ui, exporter.step)
         if ui.button("Cancel export", "Cancel the export. An existing file stays unchanged."):
             exporter.cancel()
-    elif exporter.message:
+    elif exporter.message and exporter.message_subject is context.session.document.identity:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
     if session.solver.running:
         ui.note("Files contain the latest result, not the current run.")

@@ -8,15 +8,18 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import abfm
 from abfm import AbfmError, TriangleMesh
+from abfm.display import BEST_VIEW
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.evaluation import Evaluated, Evaluators, Functions
 from abfm_viewer.document.document import SIDES, Document, Function, Side
 from abfm_viewer.document.kinds import MatchDocument
+from abfm_viewer.files.documents import Opened
 from abfm_viewer.files.project import terms_from_files
 
 
@@ -105,6 +108,32 @@ class DocumentFunctions:
     def close(self) -> None:
         for functions in self._by_mesh.values():
             functions.retire()
+
+
+def with_values(document: Document, known: dict[str, FloatArray]) -> Opened:
+    """Return a document with the values of its shown functions and with its fronts.
+
+    The first picture of such a document is complete. Functions that cannot be evaluated are left
+    out, because the window shows why.
+    """
+    meshes = {document.surface(side).mesh: side for side in SIDES}
+    evaluators = {
+        mesh: Functions(mesh, document.values_on(side, known)) for mesh, side in meshes.items()
+    }
+    values: dict[Side, FloatArray] = {}
+    for side in SIDES if document.active else ():
+        spec = document.active.spec(side) if document.active else ""
+        with suppress(AbfmError, MemoryError):
+            values[side] = evaluators[document.surface(side).mesh].evaluate(spec)
+            known = known | {document.values_key(side, spec): values[side]}
+    for evaluator in evaluators.values():
+        evaluator.retire()
+    last = document.surface()
+    if last.front is None and len(values) == len(SIDES):
+        functions = [values[side] for side in SIDES if document.surface(side) is last]
+        seen = document.facing(BEST_VIEW, *functions)
+        document = replace(document, surfaces=seen.surfaces)
+    return document, known
 
 
 def _is_from_file(term: str) -> bool:

@@ -39,7 +39,7 @@ from abfm_viewer.files.documents import Opened, read_document
 from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.result_tables import place_of
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.functions import known_values, with_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.sequence_files import (
@@ -338,7 +338,10 @@ class SessionFiles:
             advice = play if document.result else f"press {document.match_label}"
             self._session.notices.show(f"{name} is ready; {advice}")
 
-        self._load(Load(f"setting up {name}", lambda: partial(show, *make(self._session.view))))
+        def read() -> Action:
+            return partial(show, *with_values(*make(self._session.view)))
+
+        self._load(Load(f"setting up {name}", read))
 
     def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
         """Open the table that ``make(folder)`` computes, or finds from an earlier call."""
@@ -509,7 +512,7 @@ class SessionFiles:
 
     def _read_document(self, path: Path) -> Action:
         origin = _origin(path)
-        document, known = read_document(path)
+        document, known = with_values(*read_document(path))
 
         def restore() -> None:
             view = document.view  # a project has its own view

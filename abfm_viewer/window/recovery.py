@@ -17,7 +17,7 @@ from abfm_viewer.files.project import load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.pictures.thumbnails import thumbnails
 from abfm_viewer.scene.textures import Textures
-from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.functions import known_values, with_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.window.previews import views_of_document
@@ -167,7 +167,7 @@ class Recoveries:
     def _read(self, copies: Sequence[Copy]) -> Callable[[], None]:
         """Read copies; return a function that opens them, the latest last."""
         read = [
-            (copy, *load_project(copy.recovery.path), load_origin(copy.recovery.path))
+            (copy, *with_values(*load_project(copy.recovery.path)), load_origin(copy.recovery.path))
             for copy in reversed(copies)
         ]
 

@@ -372,6 +372,7 @@ class Window(Context):
         self._warnings.update(self.session.notices)
         self.session.update()
         self.files.update()
+        self.exporter.subject = self.session.document.identity
         self.title.show(f"{self.session.saves.title} - abfm")
         if self.recoveries:
             self.recoveries.update()

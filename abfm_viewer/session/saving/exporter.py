@@ -70,6 +70,7 @@ class _Export(NamedTuple):
     path: Path
     suffixes: tuple[str, ...]  # allowed suffixes
     write: Callable[[], object]  # returns a note if the file lacks something
+    subject: object  # identity of the document
 
 
 class Exporter:
@@ -83,6 +84,8 @@ class Exporter:
         self.window_size = (1280, 720)  # pixels of the part that shows the surfaces
         self.progress = 0.0  # share of the frames that are drawn, 0 to 1
         self.message = ""  # outcome of the last export; `report` is also called with it
+        self.subject: object = None  # identity of the document to export
+        self.message_subject: object = None  # identity of the document of the message
         self.failed = False  # whether the last export failed
         self.picture = PictureSettings()
         self.movie = MovieSettings()
@@ -168,7 +171,7 @@ class Exporter:
 
     def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], object]) -> None:
         with self._lock:
-            export = _Export(path, suffixes, write)
+            export = _Export(path, suffixes, write, self.subject)
             if self.running:
                 self._waiting.append(export)
             else:
@@ -179,6 +182,7 @@ class Exporter:
     def _begin(self, export: _Export) -> None:
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
         self._task, self._began = f"writing {export.path.name}", time.monotonic()
+        self.message_subject = export.subject
         self._reported, self._control = None, Control()
 
     @factoring_in_subprocess()

@@ -119,12 +119,15 @@ def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatc
         for name in names:
             exporter.save_result(out / name, document.result, lambda: None)
 
+    exporter.subject = "first"
     save("a.html", "b.ply", "c.npz")
+    exporter.subject = "second"
     until(lambda: exporter.step.done == 0.25)
     assert exporter.step.task == "writing a.html, 2 more after it: path lines"
     may_write.set()
     exporter.wait()
     assert written == ["a.html", "b.ply", "c.npz"]
+    assert exporter.message_subject == "first"
     assert [text for text, _ in exporter.reports] == [f"saved {out / name}" for name in written]
     assert not exporter.running
     may_write.clear()

@@ -514,3 +514,37 @@ def test_project_of_landmarks_is_consistent_with_its_field(tmp_path):
     assert opened.load_warning == ""
     assert opened.residual == found.residual
     assert np.array_equal(opened.landmark_errors, found.landmark_errors)
+
+
+def test_opened_document_changes_as_a_whole(desk, tmp_path):
+    """When the panel shows a document, its functions and its front are known."""
+    session, path = desk.session, tmp_path / "other.abfm"
+    session.editor.set_spec("source", "gaussian:vertex=3,width=0.3")
+    save_project(path, session.document, {})
+    desk.settle()
+    before = session.document.identity
+    desk.files.open(path)
+    while session.document.identity is before:
+        assert all(session.values(side) is not None for side in ("source", "target"))
+        desk.update()
+    assert session.surface().front is not None
+    assert all(session.values(side) is not None for side in ("source", "target"))
+
+
+def test_meshes_and_frames_opened_together_are_one_recent_entry(desk, tmp_path):
+    a, b = (off_file(tmp_path / f"{name}.off", icosphere(1)) for name in "ab")
+    frames = tmp_path / "waves.npy"
+    np.save(frames, np.random.default_rng(0).random((3, 42)))
+    desk.open(a)
+    desk.files.open_second(b)
+    desk.settle()
+    assert desk.state.recent() == [(a, b)]
+    desk.session.undo()
+    desk.files.open_frames(frames)
+    until(lambda: desk.session.document.name == "waves.npy on a.off", desk)
+    assert desk.state.recent() == [(a, frames), (a, b)]
+    desk.session.undo()
+    for paths, name in (((a, frames), "waves.npy on a.off"), ((a, b), "a.off to b.off")):
+        desk.files.open_together(paths)
+        until(lambda name=name: desk.session.document.name == name, desk)
+    assert desk.state.recent()[0] == (a, b)
