@@ -35,7 +35,13 @@ from abfm.matching.solving.descent import (
 from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
 from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_measures
-from abfm.matching.solving.outlook import REFINED_SHARE, SECOND_SHARE, Outlook, Plan
+from abfm.matching.solving.outlook import (
+    REFINED_SHARE,
+    SECOND_SHARE,
+    Outlook,
+    Plan,
+    expected_seconds,
+)
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS
@@ -121,6 +127,7 @@ class Solution:
 def solve(energy: MatchingEnergy, record: Record) -> Solution:
     """Run a continuation and return its best result, also if it is cancelled or memory runs out."""
     with phase("match") as report:
+        report(expected_seconds(len(energy.mesh.vertices)), "match")
         state, reason = init(energy, record), None
         record.outlook = Outlook(report)
         try:
