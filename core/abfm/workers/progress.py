@@ -28,7 +28,8 @@ _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 _OVERDUE_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
 _FALL_MAX = 0.1  # largest amount by which the share of a task may fall
-_RISE_MIN = 1.3  # a longer remaining time is shown from this multiple of the one before
+_MARGIN = 1.1  # a shown remaining time is at least this multiple of its estimate
+_RISE_MIN = 1.5  # a longer remaining time is shown from this multiple of the one before
 # remaining times that are shown, in seconds
 _TIMES = (5, 10, 20, 30, 45, 60, 120, 180, 300, 420, 600, 900, 1200, 1800, 2700, 3600)
 
@@ -172,8 +173,9 @@ class Overall:
         """Return ``within about 20 s``; empty if the remaining time is unknown."""
         if (seconds := self.seconds_remaining(now)) is None:
             return ""
-        if not self._shown <= seconds <= _RISE_MIN * self._shown:
-            self._shown = next((most for most in _TIMES if seconds <= most), seconds)
+        wanted = next((most for most in _TIMES if _MARGIN * seconds <= most), seconds)
+        if wanted < self._shown or seconds > _RISE_MIN * self._shown:
+            self._shown = wanted
         return within(self._shown)
 
     def set_paused(self, paused: bool) -> None:
