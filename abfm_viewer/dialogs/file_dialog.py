@@ -512,8 +512,13 @@ class FileDialog:
         top = imgui.GetCursorPosY()
         imgui.SetCursorPosY(top + first * row)
         room = columns["size"] - ui.px(12)
+        marked = dict.fromkeys(
+            (imgui.ImGuiCol_Header, imgui.ImGuiCol_HeaderHovered), (*ui.colors.accent[:3], 0.3)
+        )
         for entry in entries[first:last]:
-            pressed, twice = ui.row(entry.label, choice.selected == entry.name, room)
+            is_selected = choice.selected == entry.name
+            with Pushed(marked if is_selected else {}):
+                pressed, twice = ui.row(entry.label, is_selected, room)
             if entry.name in details:
                 self._draw_details(ui, columns, details[entry.name], entry.is_folder)
             if pressed:

@@ -75,7 +75,8 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
     else:
         imgui.SetNextWindowSizeConstraints((size[0], 0), (size[0], 0.92 * display[1]))
         flags |= imgui.ImGuiWindowFlags_AlwaysAutoResize
-    imgui.SetNextWindowFocus()
+    if not is_popup_open():  # a focused window closes its lists
+        imgui.SetNextWindowFocus()
     imgui.Begin(title, flags)
     with _ended(ui, imgui.End, title):
         yield

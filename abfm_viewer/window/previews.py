@@ -61,6 +61,10 @@ class Previews:
         texture = None if picture is None else self._textures.find(_NAME, picture)
         return Preview(texture, picture.size if picture else (0, 0), found.lines)
 
+    @property
+    def busy(self) -> bool:
+        return self._job.busy
+
     def close(self) -> None:
         self._job.close()
 

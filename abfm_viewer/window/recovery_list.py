@@ -65,6 +65,8 @@ class RecoveryList:
                 if ui.button("Recover all", tip, primary=True, width=width):
                     answer = Answer("recover", self._copies)
                 ui.same_line()
+            if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
+                answer = Answer("recover", self._copies)
             later = ui.button("Later", "Keep the copies. File lists them again (Esc).")
             if later or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
                 answer = Answer("later")

@@ -249,6 +249,7 @@ class Window(Context):
         seconds = _SECONDS_PER_IDLE_FRAME if is_idle else _SECONDS_PER_FRAME
         drawing, session = now - start, self.session
         waits = session.loading.now is not None or session.functions.waiting_since is not None
+        waits = waits or self.previews.busy
         time.sleep(max(drawing if waits else _SLEEP_SECONDS_MIN, seconds - drawing))
 
     def tick(self) -> None:

@@ -141,14 +141,14 @@ def resume_after_a_killed_process(gui):
         gui.wait(lambda s: not s.solver.running)
 
 
-def leave_unsaved_work(folder):
+def leave_unsaved_work(folder, number=9):
     """Write the project of an ended launch and the copy of its unsaved work."""
     session = opened()
     project = folder / "work.abfm"
     save_project(project, session.document, {})
     origin = Origin.of(project)
     session.editor.set_parameter(sigma=0.25)
-    copy = folder / "autosave-999999999.abfm"  # larger than any process id
+    copy = folder / f"autosave-99999999{number}.abfm"  # larger than any process id
     save_project(copy, session.document, {}, origin)
     session.close()
     return project, copy
@@ -197,6 +197,22 @@ def test_tour_of_recovery(tmp_path):
         gui.click("Recover")
         gui.wait(lambda s: s.parameters.sigma == 0.25)
         assert (gui.session.saves.path, gui.session.saves.title) == (None, "* sphere")
+
+
+def test_each_copy_of_several_has_its_buttons(tmp_path):
+    copies = [leave_unsaved_work(tmp_path, number)[1] for number in range(4)]
+    with next_launch(tmp_path) as gui:
+        gui.click("Discard", within="copy 2")
+        assert sum(copy.exists() for copy in copies) == 3
+        gui.click("Recover", within="copy 3")
+        gui.wait(lambda s: s.parameters.sigma == 0.25)
+        gui.wait(lambda _: gui.window.dialogs.is_open)
+        gui.click("Later")
+        gui.menu("File", "Recover unsaved work...")
+        gui.click("Recover all")
+        gui.wait(lambda _: gui.window.recoveries.copies == [])
+        assert not any(copy.exists() for copy in copies)
+        assert len(gui.session.saves.unsaved_documents) == 3
 
 
 def save_again(recovered, left):

@@ -6,6 +6,7 @@ from PIL import Image
 
 from abfm import Parameters, load_mesh
 from abfm.pages import colormaps
+from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_file
@@ -24,6 +25,7 @@ def sphere_file(tmp_path):
 def test_tour_of_the_file_menu(gui, walk):
     """Meshes, recent files, folders and projects are opened, and the app is quit."""
     walk(gui, open_a_mesh_and_a_recent_one, walk_through_folders)
+    walk(gui, use_the_list_of_files, open_by_the_dialog_of_the_system)
     walk(gui, save_and_open_a_project, parameters=SHORT)
     walk(gui, quit_with_unsaved_work)
 
@@ -100,6 +102,71 @@ def walk_through_folders(gui, tmp_path, sphere_file):
     gui.wait(lambda s: s.saves.path == new and not s.saves.unsaved)
     assert is_project(new)
     assert (tmp_path / "older.abfm").read_bytes() == b""
+
+
+def use_the_list_of_files(gui, tmp_path, sphere_file):
+    """Search, sort and choose files by keys, and come back to a recent folder."""
+    gui.window.dialogs.folder = tmp_path
+    (tmp_path / "empty").mkdir()
+    off_file(tmp_path / ".hidden.off", icosphere(1))
+    (tmp_path / "a small.abfm").write_bytes(b"PK")
+    gui.menu("File", "Save project as...")
+    choice = gui.window.dialogs._open[-1][0].choice
+    for column, descending in (("size", True), ("date", True), ("name", False)):
+        gui.click(column, within="Save the project")
+        assert choice.order == (column, descending)
+    gui.check("hidden files", within="Save the project")
+    gui.check("hidden files", on=False, within="Save the project")
+    gui.type("search", "small", within="Save the project", enter=False)
+    assert gui.text_of("file name") == "a small.abfm"
+    gui.key("esc")  # clears the search
+    assert choice.search == ""
+    gui.key("esc")
+    assert not gui.window.dialogs.is_open
+    gui.key("ctrl+o")
+    gui.wait(lambda _: sphere_file.name in gui.labels())
+    gui.input.write("em")
+    gui.frames(2)
+    assert gui.text_of("empty/") == "chosen"
+    gui.key("enter")
+    gui.frames(2)
+    assert gui.text_of("folder") == str(tmp_path / "empty")
+    gui.key("backspace")
+    gui.frames(2)
+    assert gui.text_of("folder") == str(tmp_path)
+    gui.wait(lambda _: sphere_file.name in gui.labels())
+    gui.input.write(sphere_file.name[:3])
+    gui.frames(2)
+    gui.key("enter")
+    sphere_opened(gui)
+    gui.menu("File", "Open mesh...")
+    gui.type("folder", str(tmp_path / "empty"))
+    gui.choose("Recent folders", str(tmp_path))
+    assert gui.text_of("folder") == str(tmp_path)
+    gui.click("Cancel", within="Open a mesh")
+
+
+def open_by_the_dialog_of_the_system(gui, tmp_path, sphere_file, monkeypatch):
+    """Open a mesh by a library in a subprocess; if that fails, the dialog of the app opens."""
+    monkeypatch.setattr(native_dialog, "is_available", lambda: True)
+    gui.menu("File", "Native file dialogs")
+    assert not gui.window.preferences.now.native_dialogs
+    gui.menu("File", "Native file dialogs")
+    assert gui.window.preferences.now.native_dialogs
+    library = tmp_path / "library"
+    library.mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(library))
+    monkeypatch.setattr(gui.window.dialogs, "uses_native", lambda: True)
+    answer = "def open_file(title, folder, patterns):\n    assert '*.off' in patterns\n"
+    (library / "crossfiledialog.py").write_text(f"{answer}    return {str(sphere_file)!r}\n")
+    gui.menu("File", "Open mesh...")
+    sphere_opened(gui)
+    gui.session.undo()
+    (library / "crossfiledialog.py").write_text("raise RuntimeError('no screen')\n")
+    gui.menu("File", "Open mesh...")
+    gui.wait(lambda _: "folder" in gui.labels())
+    gui.key("esc")
+    assert not gui.window.dialogs.is_open
 
 
 def is_project(path):

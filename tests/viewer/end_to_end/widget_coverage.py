@@ -15,7 +15,7 @@ _OPENING = (
     *("Open a vertex map", "Open the sphere of", "Open a map from", "Open landmarks"),
     *("Open labels", "Open frames", "Open a batch or population"),
 )
-DYNAMIC = ("File/Recent", *_OPENING)
+DYNAMIC = ("File/Recent", "Recover unsaved work?/copy", *_OPENING)
 _SAVING = ("Save a ", "Save the ", "Save landmarks", "Save transferred", "Export the ")
 _OUTPUT = "widgets"
 
