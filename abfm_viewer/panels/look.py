@@ -10,6 +10,7 @@ from abfm_viewer.document.verdict_words import refinement_text
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.session_files import LABELS
+from abfm_viewer.shown.quantities import FIELD_COLORINGS
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import HELP_TEXT
 from abfm_viewer.widgets.widget_record import Range
@@ -25,7 +26,7 @@ _COLORINGS: dict[Coloring, str] = {
     "area distortion": "Area change of each face: enlarged (red) or reduced (blue).",
     "conformal distortion": "Ratio of the largest to the smallest stretch of each face.",
 }
-_OF_FIELD = "speed", "divergence", "curl", "area distortion", "conformal distortion"
+_OF_FIELD = (*FIELD_COLORINGS, "area distortion", "conformal distortion")
 _RANGES = {
     "robust": "From the 2nd to the 98th percentile, if extreme values stretch the range. The "
     "colour bar has an arrow where values lie beyond.",
@@ -46,8 +47,8 @@ _TRACKS = (
 _LINKS = "Lines from points of A to their images on B at the shown time."
 _FADE = "Reduce the contrast of the streaks where the field is slow."
 _UNCERTAIN = (
-    "Make arrows and streaks faint where the data do not determine the motion: where functions are "
-    "flat, and along their contours. There, smoothness determines it."
+    "Make arrows, streaks and colours of the field faint where the data do not determine the "
+    "motion: where functions are flat, and along contours. Smoothness determines it there."
 )
 _CLICKS = (
     "A click does nothing.",
@@ -125,8 +126,8 @@ def draw_field(context: Context) -> None:
         ui.same_line_if_fits("animate")
         tip = "Move the streaks along the field, here and in movies."
         _switch(context, "animate", "animate", "toggle animation", tip)
-    is_shown = view.arrows or (view.streaks and not obstacle)
-    with ui.disabled(not is_shown, "Tick arrows or streaks first."):
+    is_shown = view.arrows or (view.streaks and not obstacle) or view.coloring in FIELD_COLORINGS
+    with ui.disabled(not is_shown, "Tick arrows or streaks first, or color by speed."):
         _switch(context, "fade uncertain motion", "fade_uncertain", "toggle fading", _UNCERTAIN)
         draw_help(context, "uncertainty")
 

@@ -55,6 +55,7 @@ _LEGEND = {
     NO_VALUE: (_GREY, _GREY, _GREY, 1.0),
     FAINT: (_GREY, _GREY, _GREY, 0.35),
 }
+_SHORT_TEXTS = {FAINT: "undetermined"}
 
 
 @dataclass(frozen=True)
@@ -269,17 +270,23 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend at the right; the list is empty if it would begin left of ``begin``."""
-    found: list[Part] = []
-    radius, right = _DOT_RADIUS * pen.scale, rect[2] - _MARGIN * pen.scale
-    top = rect[3] - (bars_height(pen, rect[3] - rect[1]) + pen.line) / 2
-    for kind in reversed(kinds):
-        right -= pen.width(kind)
-        found.append(Text(right, top, kind, pen.inks.ink))
-        right -= 2 * radius
-        found.append(Disc((right, top + pen.line / 2), radius, _LEGEND[kind]))
-        right -= radius + _LINE_GAP * pen.scale
-    return found if right > begin else []
+    """Lay out the legend at the right, if necessary with short texts.
+
+    The list is empty if the legend would begin left of ``begin``.
+    """
+    radius, top = _DOT_RADIUS * pen.scale, rect[3] - bars_height(pen, rect[3] - rect[1]) / 2
+    for texts in ({}, _SHORT_TEXTS):
+        found, right = list[Part](), rect[2] - _MARGIN * pen.scale
+        for kind in reversed(kinds):
+            text = texts.get(kind, kind)
+            right -= pen.width(text)
+            found.append(Text(right, top - pen.line / 2, text, pen.inks.ink))
+            right -= 2 * radius
+            found.append(Disc((right, top), radius, _LEGEND[kind]))
+            right -= radius + _LINE_GAP * pen.scale
+        if right > begin:
+            return found
+    return []
 
 
 def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:

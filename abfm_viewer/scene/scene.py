@@ -27,6 +27,7 @@ from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
 from abfm_viewer.shown.landmarks import LandmarkPoints
 from abfm_viewer.shown.paint import Paint, Painter
+from abfm_viewer.shown.quantities import FIELD_COLORINGS
 from abfm_viewer.shown.ribbons import unit, vertex_normals
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
@@ -212,7 +213,8 @@ class Scene:
         """Return the kinds of critical points with tracks, and explanations of faint and grey."""
         kinds = tuple(self._shown.tracks.counts()) if "advected" in self.shown else ()
         view = self._session.view
-        if (view.arrows or view.streaks) and "advected" in self.shown:
+        is_of_field = view.arrows or view.streaks or view.coloring in FIELD_COLORINGS
+        if is_of_field and "advected" in self.shown:
             kinds = kinds if self._shown.quantities.determined() is None else (*kinds, FAINT)
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)

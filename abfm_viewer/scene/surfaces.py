@@ -94,11 +94,11 @@ def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None
     surface, kind = ps.get_surface_mesh(name), paint.kind
     if before is not None and before.kind == kind:
         same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
-        same_values = before.values is paint.values and before.unknown is paint.unknown
-        if same_colors and same_ground and same_values:
+        same_shares = before.unknown is paint.unknown and before.determined is paint.determined
+        if same_colors and same_ground and same_shares and before.values is paint.values:
             return
-        if same_colors and kind in _OF_FUNCTIONS and before.unknown is paint.unknown:
-            buffer = "values" if paint.unknown is None else "colors"
+        if same_colors and same_ground and kind in _OF_FUNCTIONS and same_shares:
+            buffer = "colors" if _is_mixed(paint) else "values"
             surface.get_quantity_buffer(kind, buffer).update_data(_drawn_values(mesh, paint))
             return
         if kind == "texture" and before.corners is paint.corners:
@@ -108,10 +108,18 @@ def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None
     show(surface, mesh, paint)
 
 
+def _is_mixed(paint: Paint) -> bool:
+    """Return whether a surface does not only have the colours of values."""
+    return paint.unknown is not None or paint.determined is not None
+
+
 def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
     values = paint.values
-    if paint.kind in _OF_FUNCTIONS and paint.unknown is not None and paint.colors is not None:
+    if paint.kind in _OF_FUNCTIONS and _is_mixed(paint) and paint.colors is not None:
         values = colors_of(values, paint.colors, paint.unknown)
+        if paint.determined is not None:
+            plain = np.array(_PLAIN_COLORS["dark" if paint.is_dark else "light"])
+            values = plain + paint.determined[:, None] * (values - plain)
     of_vertices = paint.kind not in ("face values", "texture")
     return drawn_mesh(mesh).values(values) if of_vertices else values
 
@@ -132,7 +140,7 @@ def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) ->
         surface.add_color_quantity(kind, values, filter_mode="linear", **options)
     elif paint.colors is not None:
         options |= {"defined_on": "faces" if kind == "face values" else "vertices"}
-        if paint.unknown is not None:
+        if _is_mixed(paint):
             surface.add_color_quantity(kind, values, **options)
             return
         options |= {"cmap": polyscope_name(paint.colors.colormap)}

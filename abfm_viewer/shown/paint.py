@@ -49,10 +49,12 @@ class Paint:
     colors: ColorRange | None = None  # colours of a function; None if the values are colours
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
     corners: FloatArray | None = None  # (3F, 2): texture coordinates of the corners
-    is_dark: bool = False  # whether a checkerboard is for a dark background
+    is_dark: bool = False  # whether a checkerboard or pale colours are for a dark background
     mesh: TriangleMesh | None = None  # mesh of the values; None for that of the surface
     # (V,) or (F,): where the function has no measured values; drawn grey
     unknown: BoolArray | None = None
+    # (V,) or (F,): share of the colours; the rest is the colour of a plain surface
+    determined: FloatArray | None = None
 
 
 class Painter:
@@ -209,13 +211,27 @@ class Painter:
         title = f"{kind}{suffix}"
         if kind == "speed":
             field = self._shown.quantities.field()
-            return None if field is None else self._speed(field, title)
+            return None if field is None else self._faded(self._speed(field, title))
         values = self._shown.quantities.scalar()
         if values is None:
             return None
         areas = abfm.calculus.vertex_areas(self._session.surface().mesh)
         colors = self._range("field", values, areas=areas, quantity="signed")
-        return self._function("advected", values, title, colors, kind)
+        return self._faded(self._function("advected", values, title, colors, kind))
+
+    def _faded(self, plain: Paint) -> Paint:
+        """Return the paint of a quantity of the field, pale where the field is not determined."""
+        determined = self._shown.quantities.determined()
+        if determined is None:
+            return plain
+        mesh, is_dark = self._session.surface().mesh, self._session.view.theme == "dark"
+
+        def make() -> Paint:
+            is_of_faces = plain.kind == "face values"
+            shares = determined if is_of_faces else abfm.calculus.averaging(mesh) @ determined
+            return replace(plain, determined=shares, is_dark=is_dark)
+
+        return self._memos["faded"].get((plain, determined), make)
 
     def _speed(self, field: Field, title: str) -> Paint:
         """Return the paint of a field's speed, in a unit in which single precision suffices."""

@@ -34,7 +34,7 @@ _TEXELS_MAX = 16384
 _PHASES = 16  # computed phases of moving streaks; others are blends of these
 _SHOWN_PHASES = 32  # phases of moving streaks that the window distinguishes
 _SHARE_TOLERANCE = 1e-6
-_FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
+FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
 _FAINT_MIN = 0.2  # smallest share of the opacity of arrows and of the contrast of streaks
 _SPEED_MAX = 1e30  # largest speed that is shown, because of single precision
 
@@ -214,7 +214,7 @@ class FieldQuantities(Jobs):
     def is_behind(self) -> bool:
         """Whether the shown field is still that of an earlier flow."""
         view, flow, key = self._session.view, self.flow.state, self._field.key
-        shows_field = view.coloring in _FIELD_COLORINGS or view.arrows or view.streaks
+        shows_field = view.coloring in FIELD_COLORINGS or view.arrows or view.streaks
         if flow is None or not (shows_field and isinstance(key, tuple)):
             return False
         return not any(one is flow for one in key[1])

@@ -3,7 +3,8 @@
 A range has all values of its functions, unless extremes stretch it to over 4 times the range from
 2nd to 98th percentile (by area). Then ends far beyond these percentiles are clipped there. A narrow
 Gaussian differs from its median only on a small part of the surface. The percentiles of such a
-function are those of this part, so the range reaches the peak.
+function are those of this part, so the range reaches the peak. Quantities such as distortion are
+clipped if extremes stretch the range to over twice.
 """
 
 import math
@@ -19,7 +20,9 @@ from abfm.types import FloatArray
 Quantity = Literal["function", "magnitude", "signed"]
 """What values are: a function; a magnitude, shown from 0; or signed, shown symmetric about 0."""
 _PERCENTILES = 0.02, 0.98
-_STRETCH_MIN = 4.0  # clipped ranges are so many times as long as that of the percentiles
+# clipped ranges are so many times as long as that of the percentiles: of functions, and of others
+_STRETCH_MIN = 4.0
+_QUANTITY_STRETCH_MIN = 2.0
 _EXCESS_MIN = 0.5  # excess of a clipped end, relative to the range of the percentiles
 _DIFFERENCE_MIN = (
     0.1  # smallest difference from the median, relative to the range of the percentiles
@@ -69,7 +72,8 @@ def color_range(
         for end, column in zip((min, max, min, max), zip(*found, strict=True), strict=True)
     )
     ends, length = (low, high), top - bottom
-    if not is_full and high - low > _STRETCH_MIN * length > 0:
+    stretch_min = _STRETCH_MIN if quantity == "function" else _QUANTITY_STRETCH_MIN
+    if not is_full and high - low > stretch_min * length > 0:
         ends = (
             bottom if bottom - low > _EXCESS_MIN * length else low,
             top if high - top > _EXCESS_MIN * length else high,

@@ -89,13 +89,14 @@ def gradient(colors: ColorRange) -> str:
     return f"linear-gradient(to right, {', '.join(stops)})"
 
 
-def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
+def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray | None) -> FloatArray:
     """Return the colours (N, 3), in linear light, of values (N,); unknown values are grey."""
     table = linear_table(colors.colormap, _TABLE_ENTRIES)
     share = (values - colors.low) / (colors.high - colors.low)
     entries = np.clip(np.nan_to_num(share) * (_TABLE_ENTRIES - 1) + 0.5, 0, _TABLE_ENTRIES - 1)
     found = table[entries.astype(np.int64)]
-    found[unknown] = NO_VALUES
+    if unknown is not None:
+        found[unknown] = NO_VALUES
     return found
 
 

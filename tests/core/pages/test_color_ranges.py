@@ -152,3 +152,9 @@ def test_three_to_seven_ticks_are_in_the_range(low, width):
         assert 3 <= len(values) <= 7
         assert values[0] >= low - 1e-6 * width
         assert values[-1] <= low + width + 1e-6 * width
+
+
+def test_quantities_are_clipped_earlier_than_functions():
+    values = np.concatenate([np.linspace(-1, 1, 1000), [3.0]])
+    assert ends(values) == (-3, 3)
+    assert ends(values, quantity="signed") == pytest.approx((-1, 1), abs=0.05)

@@ -15,9 +15,11 @@ from abfm_viewer.scene.annotations import (
     Pen,
     Strip,
     Text,
+    Triangle,
     bar_parts,
     bars_height,
 )
+from abfm_viewer.scene.scene import FAINT
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -188,3 +190,34 @@ def test_upright_bar_has_numbers_at_its_ticks():
     assert [points[0][1] for points in ends] == pytest.approx([one.top + 8 for one in written])
     for one, (start, end) in zip(written, ends, strict=True):
         assert one.left > end[0] > start[0] == 25
+
+
+@pytest.mark.parametrize(("clipped", "upright"), [("low", False), ("high", False), ("high", True)])
+def test_arrow_points_beyond_a_clipped_end(clipped, upright):
+    ends = {"low": (-9.0, 1.0), "high": (0.0, 9.0)}[clipped]
+    rect = (5, 10, 25, 410) if upright else (10, 5, 410, 25)
+    whole = bar_parts("f", ColorRange("abfm sequential", 0, 1, 0, 1), rect, PEN, upright)
+    assert not [part for part in whole if isinstance(part, Triangle)]
+    parts = bar_parts("f", ColorRange("abfm sequential", 0, 1, *ends), rect, PEN, upright)
+    (arrow,) = [part for part in parts if isinstance(part, Triangle)]
+    tip = arrow.points[1]
+    assert tip == {False: ({"low": -6, "high": 426}[clipped], 15), True: (15, -6)}[upright]
+    (strip,) = strips(parts)
+    assert strip.title == f"f: values from {ends[0]:g} to {ends[1]:g}"
+    assert strip.rect == rect
+
+
+def test_legend_is_shortened_before_it_is_omitted():
+    found = scene(1000, columns=1)
+    found.legend = lambda: (FAINT,)
+    found.paints = dict.fromkeys(NAMES, found.paints["source"])
+    written = [
+        {
+            part.text
+            for part in annotations.annotation_parts(found, (0, 0, right, 600), PEN)
+            if isinstance(part, Text)
+        }
+        & {FAINT, "undetermined"}
+        for right in (1000, 420, 300)
+    ]
+    assert written == [{FAINT}, {"undetermined"}, set()]
