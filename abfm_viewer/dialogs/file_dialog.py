@@ -546,8 +546,10 @@ class FileDialog:
             ui.note("Select a mesh or a result to see it here.")
             return
         if found.texture is not None:
-            room = float(imgui.GetContentRegionAvail()[0])
-            scale = min(room / found.size[0], 1.6 * ui.scale)
+            room, height = imgui.GetContentRegionAvail()
+            height -= len(found.lines) * imgui.GetTextLineHeightWithSpacing() + ui.px(8)
+            width, full = found.size
+            scale = max(min(room / width, height / full, 1.6 * ui.scale), 0.1)
             imgui.Image(found.texture, (scale * found.size[0], scale * found.size[1]))
         for line in found.lines:
             ui.note(line)

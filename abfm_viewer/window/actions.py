@@ -14,6 +14,7 @@ from abfm.pages.front import Front, triple
 from abfm_viewer.document.document import Document, Viewpoint
 from abfm_viewer.document.keyboard import AXES, COMMAND, KEYS, hint
 from abfm_viewer.files.contents import PROJECT, RESULT
+from abfm_viewer.files.names import suggested_name
 from abfm_viewer.panels import result_table
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
@@ -287,7 +288,7 @@ class Actions:
     ) -> None:
         document = document or self._session.document
         origin = self._session.saves.origin(document)
-        name = (origin.path if origin else Path(document.name)).with_suffix(PROJECT).name
+        name = origin.path.name if origin else suggested_name(document, "", PROJECT)
         is_present = document.identity is self._session.document.identity
         title = "Save the project" if is_present else f"Save the project of {document.name}"
 
