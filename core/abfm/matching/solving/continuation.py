@@ -36,6 +36,7 @@ from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
 from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_measures
 from abfm.matching.solving.outlook import (
+    COARSE_SHARE,
     REFINED_SHARE,
     SECOND_SHARE,
     Outlook,
@@ -210,16 +211,16 @@ def _outlook(state: State) -> Plan:
             finer.append(size)
     is_reached = bool(_finest(state)) and state.path[_end(state)].worse <= state.goal
     may_succeed = is_first and is_search and bool(attempts)
-    share = 1.0 if p.refine else SECOND_SHARE if may_succeed else REFINED_SHARE
+    share = SECOND_SHARE if may_succeed else REFINED_SHARE
+    first = levels.cheapest(levels.mesh_level)
+    share = 1.0 if p.refine else share * (COARSE_SHARE if first and not refined else 1.0)
     return Plan(
         state.variant.fields,
         steps=len(state.sweep.sigmas) if is_search and state.sweep is not None else 0,
         is_clustered=levels.exact(level) != level,
         is_exact=levels[level].cheaper is not None,
         attempts=attempts * (1.0 if schedule.is_measured else SECOND_SHARE),
-        sizes=tuple(
-            sizes[levels.mesh_level :][:1] if level < levels.cheapest(levels.mesh_level) else ()
-        ),
+        sizes=(sizes[levels.mesh_level],) if level < first else (),
         refined=refined,
         finer=tuple(finer),
         finer_share=0.0 if is_reached else share,

@@ -15,6 +15,7 @@ from abfm.matching.solving.settings import SETTINGS
 
 SECOND_SHARE = 0.3  # share of matches whose first attempt fails
 REFINED_SHARE = 0.8  # share of matches that are refined after a failed attempt, if they can be
+COARSE_SHARE = 0.25  # share of these, if the problem has coarser meshes than its own
 _STEP_ITERATIONS = 15  # of a step of the search, unless an earlier attempt had this step
 _MESH_ITERATIONS = 15  # on the mesh of the problem, after the search
 _REFINED_ITERATIONS = (100, 80, 40)  # on consecutive midpoint subdivisions
