@@ -14,6 +14,7 @@ import abfm
 from abfm.wording import share
 from abfm_viewer.document.document import RunRecord
 from abfm_viewer.document.verdict_words import LONG_RANGE
+from abfm_viewer.files.names import suggested_name
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import draw_help
@@ -48,11 +49,11 @@ def draw(context: Context) -> None:
     result = session.result
     if view == "trade-off":
         tip = "Write the steps of the continuation to a table. Available after the run."
-        title, file, is_enabled = "Export the path", "path.csv", not session.solver.running
+        title, kind, is_enabled = "Export the path", "path", not session.solver.running
         topics = "trade-off", "area change"
     else:
         tip = "Write the total energy, smoothness and closeness of each iteration to a table."
-        title, file, is_enabled = "Export the energy", "energy.csv", run is not None
+        title, kind, is_enabled = "Export the energy", "energy", run is not None
         topics = "iterations", "energy"
 
     def export(path: Path) -> None:
@@ -66,7 +67,8 @@ def draw(context: Context) -> None:
 
     with ui.disabled(not is_enabled, "There is no finished run."):
         if ui.button("Export CSV...", tip):
-            context.dialogs.save(title, (".csv",), file, export)
+            name = suggested_name(session.document, kind, ".csv")
+            context.dialogs.save(title, (".csv",), name, export)
     draw_help(context, *topics)
     if view == "trade-off":
         trade_off.draw(context, path)

@@ -10,6 +10,7 @@ from abfm.wording import counted, share
 from abfm_viewer.document.document import SIDES, Document, Landmark
 from abfm_viewer.document.keyboard import hint
 from abfm_viewer.document.surface_points import landmark_pairs, landmarks_of
+from abfm_viewer.files.names import suggested_name
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 
@@ -58,7 +59,7 @@ def _draw_list(context: Context) -> None:
         open_file(context)
     with ui.disabled(not document.pairs, "There are no landmarks."):
         if ui.button("Save landmarks...", _SAVE):
-            name, write_to = f"{Path(document.name).stem}_landmarks.csv", partial(write, session)
+            name, write_to = suggested_name(document, "landmarks", ".csv"), partial(write, session)
             context.dialogs.save("Save landmarks", FILES[:1], name, write_to)
     ui.same_line_if_fits("landmarks alone")
     alone = ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE_TIP)

@@ -22,6 +22,7 @@ from abfm_viewer.document.kinds import SubjectDocument
 from abfm_viewer.document.result_table import COLUMNS, Name, PopulationTable, ResultRow, ResultTable
 from abfm_viewer.files.documents import Opened, read_document
 from abfm_viewer.files.result_tables import POPULATION, TableReader
+from abfm_viewer.session.functions import with_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
@@ -304,7 +305,7 @@ class Tables:
         table = self.table
         assert table is not None
         show = partial(self._show, table, row)
-        self._load(Load(f"opening {row.name}", lambda: partial(show, make())))
+        self._load(Load(f"opening {row.name}", lambda: partial(show, with_values(*make()))))
 
     def _show(self, table: ResultTable, row: ResultRow, opened: Opened) -> None:
         """Show the document of a row; on the same mesh, keep viewpoint and enlarged picture."""
