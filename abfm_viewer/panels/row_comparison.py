@@ -21,6 +21,7 @@ _FLAGS = (
 )
 _HEADS_WIDTH = 110
 _ROW_WIDTH = 240
+_PICTURE_HEIGHT_MAX = 90
 _PICTURE_NAME = "picture of a row: "
 
 
@@ -39,14 +40,14 @@ def draw(context: Context, rows: tuple[ResultRow, ...], size: tuple[float, float
         imgui.TableSetupScrollFreeze(1, 1)
         for column in table.columns:
             _cells(ui, COLUMNS[column].head, [row.cell_text(column) for row in rows])
+            if column == "verdict" and any(row.picture for row in rows):
+                imgui.TableNextRow()
+                for place, row in enumerate(rows):
+                    imgui.TableSetColumnIndex(place + 1)
+                    if row.picture:
+                        _picture(row.picture, (width, ui.px(_PICTURE_HEIGHT_MAX)))
         if any(row.facts.warnings for row in rows):
             _cells(ui, "warnings", ["; ".join(row.facts.warnings) for row in rows])
-        if any(row.picture for row in rows):
-            imgui.TableNextRow()
-            for place, row in enumerate(rows):
-                imgui.TableSetColumnIndex(place + 1)
-                if row.picture:
-                    _picture(row.picture, width)
     finally:
         imgui.EndTable()
 
@@ -58,7 +59,7 @@ def _cells(ui: Ui, head: str, texts: list[str]) -> None:
         ui.note(text, "ink" if place else "muted")
 
 
-def _picture(path: Path, width: float) -> None:
+def _picture(path: Path, largest: tuple[float, float]) -> None:
     if ps.get_render_engine_backend_name() == "openGL_mock":
         return
     name = f"{_PICTURE_NAME}{path}"
@@ -69,5 +70,6 @@ def _picture(path: Path, width: float) -> None:
         ps.add_color_alpha_image_quantity(name, pixels, enabled=False)
         buffer = ps.get_quantity_buffer(name, "colors")
     with Image.open(path) as picture:
-        size = width, width * picture.height / picture.width
+        times = min(largest[0] / picture.width, largest[1] / picture.height)
+        size = times * picture.width, times * picture.height
     imgui.Image(imgui.ImTextureRef(int(buffer.get_texture_native_id())), size)

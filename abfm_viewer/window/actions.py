@@ -138,7 +138,7 @@ class Actions:
         text, remove = "remove the selected landmark", session.editor.remove_landmark
         self.remove_landmark = landmarks(text, "remove landmark", remove)
         solver = partial(Action, "Solver")
-        text = "match, match again or continue, as the button says"
+        text = "match, match again or continue: the action of the first button"
         self.match = solver(text, "match", self._match, while_typing=True)
         text = "match from zero if the button continues, else continue from the current field"
         do = partial(self._match, otherwise=True)

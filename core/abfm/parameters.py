@@ -364,7 +364,7 @@ _PURPOSES = {
     9: "symmetric shapes",
     10: "symmetry with creases",
     11: "functions with jumps",
-    12: "improved maps",
+    12: "maps between poses",
 }
 """The functions for which the parameters of a figure are suitable."""
 FIGURES = tuple(TITLES)

@@ -217,7 +217,7 @@ def test_landmarks_without_functions_have_pages(tmp_path, abfm):
     found.save(tmp_path / "r.npz")
     abfm(f"report {{t}}/r.npz --out={{t}}/r.html {SMALL_PICTURES}")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "Matched: 2 landmarks within 0." in text
+    assert "Matched: farthest of 2 landmarks 0." in text
     assert "largest landmark error" in text
     assert "<h2>Functions" not in text
     abfm("render {t}/r.npz --out {t}/p.html")

@@ -108,7 +108,7 @@ class Report:
         farthest, count = float(errors.max()), counted(len(errors), "landmark")
         if not math.isfinite(farthest):
             return f"errors of {count} unknown"
-        return f"{count} within {share(farthest, is_short)} of sqrt(area)"
+        return f"farthest of {count} {share(farthest, is_short)} away"
 
     @property
     def _errors(self) -> FloatArray:

@@ -350,13 +350,13 @@ class _Case:
         return Verdict(outcome, reason, "; or ".join(words), remedies, cause)
 
     def _change(self, outcome: Outcome) -> str:
-        """Return the change of the residual as a phrase: ``the residual fell from 1 to 0.02``."""
+        """Return the change of the residual as a phrase: ``the residual fell from 100% to 2%``."""
         residual = self.evidence.residual
-        before, after = f"{self.first:.2g}", f"{residual:.2g}"
+        before, after = share(self.first), share(residual)
         moved = f"{'fell' if residual < self.first else 'rose'} from {before} to"
         change = f"the residual {'stayed at' if before == after else moved} {after}"
         if self.is_verified:
-            change += f" ({self.evidence.verified:.2g} along flow lines)"
+            change += f" ({share(self.evidence.verified)} along flow lines)"
         if self.evidence.landmarks is not None:
             change = self._with_landmarks(change)
         if outcome is Outcome.REGISTERED and self.evidence.log2_area < _LOG2_AREA_MAX:
@@ -368,7 +368,8 @@ class _Case:
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
         count = len(self.evidence.landmarks[0])
-        words = f"{counted(count, 'landmark')} within {last:.2g}% of sqrt(area)"
+        farthest = f"the farthest of {counted(count, 'landmark')}"
+        words = f"{farthest} is {last:.2g}% of sqrt(area) from its target"
         if self.functions.is_constant:
             return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"

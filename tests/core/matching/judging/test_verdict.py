@@ -20,6 +20,7 @@ from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
 from abfm.parameters import ALPHA_MAX, COUNT_MAX, PAPER, VALUE_MIN, Parameters
+from abfm.wording import share
 from tests.core.fields import bump
 from tests.messages import check_message, raises
 from tests.shapes import disc, ellipsoid, icosphere
@@ -70,10 +71,10 @@ def test_matched_functions_need_no_advice():
     match = matched(at(0), at(45))
     verdict = judged(match)
     assert (verdict.kind, verdict.advice) == (Outcome.MATCHED, "")
-    check_message(verdict.reason, f"{match.initial_residual:.2g}", f"{match.residual:.2g}")
+    check_message(verdict.reason, share(match.initial_residual), share(match.residual))
     assert judged(match, verified=0.04).kind == "matched"
     assert judged(match, verified=0.08).kind == "nearly"
-    check_message(judged(match, verified=0.08).reason, "0.08")
+    check_message(judged(match, verified=0.08).reason, "8%")
     problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
     abfm.match(SPHERE, at(0), at(45), Parameters.of(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
@@ -101,7 +102,7 @@ def test_equal_functions_match_unless_constant():
         assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.BOTH_CONSTANT)
     same = judged(matched(at(0), at(0), iterations=2))
     assert (same.kind, same.advice) == (Outcome.MATCHED, "")
-    check_message(same.reason, 0)
+    check_message(same.reason, "0.01%")
 
 
 def test_verdict_ignores_a_large_constant():
@@ -148,7 +149,7 @@ def test_vanished_source_is_not_reached():
     match = abfm.match(FINE, f, g, PAPER_RUN.with_values(iterations=20), on_iteration=seen.append)
     verdict = judged(match)
     assert verdict.kind == "not reached"
-    check_message(verdict.reason, "1.4", 1)
+    check_message(verdict.reason, "144%", "102%")
     check_message(verdict.advice, "reach", 1)
     assert vanished(problem, match.advected.T)
     assert not vanished(problem, match.source.T)
@@ -198,7 +199,7 @@ def test_unconfirmed_match_is_not_reached():
     given = at(0), at(40), at(40)
     verdict = verdict_of(*given, verified=0.4)
     assert verdict.kind == "not reached"
-    check_message(verdict.reason, "0.4")
+    check_message(verdict.reason, "40%")
     check_message(verdict.advice, "reach", 1)
     nearly = verdict_of(*given, verified=0.1)
     assert nearly.kind == "nearly"
@@ -248,7 +249,7 @@ def test_stop_reason_is_the_last_cause(stop_reason, named):
     """The reason for stopping is the cause of a verdict if there is no other cause."""
     verdict = verdict_of(at(0), at(60), at(30), stop_reason)
     assert verdict.kind == "not reached"
-    check_message(verdict.reason, "1.2", "0.72")
+    check_message(verdict.reason, "125%", "73%")
     check_message(verdict.advice, named)
 
 
