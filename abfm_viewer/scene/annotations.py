@@ -44,6 +44,7 @@ _STRIP_LENGTH_MIN = 30  # minimum length of a colour bar in one line of text
 _STRIP_GROWTH_MAX = 300
 _LINE_GAP = 16  # between colour bars in one line of text
 _LINK_WIDTH = 1.2
+_INK_SHARE = 0.35  # of the colour of texts in the colours of links
 _DOT_RADIUS = 5.0
 _RING_RADIUS = 9.0
 _RING_WIDTH = 2.0
@@ -246,8 +247,9 @@ def annotation_parts(
     outdated, veil = scene.outdated, (*pen.inks.ground[:3], _VEIL_OPACITY)
     found: list[Part] = [Veil(scene.view.slots[name].rect, veil) for name in outdated]
     found += [Line(ends, pen.inks.border, pen.scale) for ends in borders]
-    for place, other, color in scene.links():
-        found.append(Line((place, other), (*triple(color), 1.0), _LINK_WIDTH * pen.scale))
+    links = scene.links()
+    for place, other, color in links:
+        found.append(Line((place, other), _distinct(color, pen), _LINK_WIDTH * pen.scale))
     found += landmark_parts(scene.landmarks(), pen)
     # names are centred above the surfaces, or aligned at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
@@ -255,11 +257,18 @@ def annotation_parts(
         length = pen.width(title)
         start = right - length if scene.view.has_names_at_left else (left + right - length) / 2
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
+        if links:  # they may cross the name
+            found.append(Veil((start, top, start + length, bottom), (*pen.inks.ground[:3], 0.85)))
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     if color_bar:
         bars = _bars(scene, rect, pen)
         found += [*bars, *_legend(scene.legend(), rect, pen, _right_end(bars, rect, pen))]
     return found
+
+
+def _distinct(color: FloatArray, pen: Pen) -> Color:
+    """Return a colour mixed with that of texts, so that it differs from the background."""
+    return *triple(color + _INK_SHARE * (np.array(pen.inks.ink[:3]) - color)), 1.0
 
 
 def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:

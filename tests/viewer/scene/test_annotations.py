@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
 
@@ -16,11 +17,13 @@ from abfm_viewer.scene.annotations import (
     Strip,
     Text,
     Triangle,
+    Veil,
     bar_parts,
     bars_height,
 )
 from abfm_viewer.scene.scene import FAINT
 from abfm_viewer.shown.paint import Paint
+from tests.viewer.contrast import contrast
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
 RANGE = ColorRange("abfm sequential", 0.0, 1.0)
@@ -86,6 +89,21 @@ def test_annotations_do_not_overlap(right, columns):
         assert min(across, down) <= 0
     assert min(r[0] for r in rects) >= 0
     assert max(r[2] for r in rects) <= right
+
+
+@pytest.mark.parametrize(("theme", "color"), [("light", (1, 1, 0.9)), ("dark", (0, 0, 0.2))])
+def test_links_are_visible_and_below_names(theme, color):
+    pen = replace(PEN, inks=palette(theme))
+    linked, link = scene(1000), ((100.0, 0.0), (300.0, 40.0), np.array(color, float))
+    linked.links = lambda: [link]
+    found = annotations.annotation_parts(linked, (0, 0, 1000, 600), pen)
+    line = next(one for one in found if isinstance(one, Line) and one.points == link[:2])
+    assert contrast(line.color, pen.inks.ground) > 1.8
+    veils = [number for number, one in enumerate(found) if isinstance(one, Veil)]
+    names = [number for number, one in enumerate(found) if getattr(one, "text", "") in NAMES]
+    assert [number + 1 for number in veils] == names[: len(veils)]
+    assert found.index(line) < veils[0]
+    assert found[veils[0]].rect[:2] < rect_of(found[names[0]])[2:]
 
 
 @pytest.fixture
