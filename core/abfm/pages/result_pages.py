@@ -10,7 +10,7 @@ import numpy as np
 from abfm.calculus.operators import vertex_areas
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.errors import AbfmError, one_line
-from abfm.flow import flow_lines
+from abfm.flow import FlowLine, flow_lines
 from abfm.maps import SurfacePoints, spread_points
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
@@ -38,6 +38,8 @@ _PLAY_SECONDS = 4.0
 _LINES_MAX = 160
 _POINTS_PER_LINE = 16
 _LINE_LENGTH_MIN = 0.02
+_OPACITY_MIN = 0.2  # of flow lines where the data do not determine the motion
+_FAINT_NOTE = "flow lines are faint where the data do not determine the motion"
 _INK_COLOR: Color = (0.11, 0.13, 0.17)
 _LANDMARK_COLOR: Color = (0.04, 0.56, 0.42)
 _TARGET_COLOR: Color = (0.7, 0.12, 0.12)
@@ -235,41 +237,45 @@ def _moving(
 
 
 def _lines(match: Match, share: float) -> list[Paths]:
-    """Return flow lines from points distributed over the surface and from the landmarks."""
+    """Return flow lines from points distributed over the surface and from the landmarks.
+
+    Flow lines are faint where the data do not determine the motion.
+    """
     mesh, tau = match.mesh, match.parameters.tau
     spread = spread_points(mesh)
     seeds = spread.points[np.arange(min(int(_LINES_MAX * share**0.5), len(spread.gaps)))]
-    lines = _flow_line_paths(match, seeds)
+    lines = _flow_lines(match, seeds)
     length_min = _LINE_LENGTH_MIN * mesh.length_scale
-    lengths = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for _, points in lines]
+    lengths = [np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() for line in lines]
     long_lines = [each for each, size in zip(lines, lengths, strict=True) if size > length_min]
-    style = {"tail": tau / 3, "disc": 2.2, "line": 1.6, "opacity": 0.75}
-    paths = [Paths.along("flow lines", long_lines, _INK_COLOR, **style)] if long_lines else []
+    paths = []
+    if long_lines:
+        determined = np.maximum(match.determined.mean(axis=0), _OPACITY_MIN)
+        shares = [determined[line.faces].mean() for line in long_lines]
+        style = {"tail": tau / 3, "disc": 2.2, "line": 1.6, "opacity": 0.75}
+        along = [_timed(line, tau) for line in long_lines]
+        found = Paths.along("flow lines", along, _INK_COLOR, **style)
+        paths.append(replace(found, opacities=np.repeat(shares, _POINTS_PER_LINE - 1)))
     if (landmarks := match.problem.landmarks) is not None:
-        paths.append(
-            Paths.along(
-                "landmarks", _flow_line_paths(match, landmarks.points(mesh)), _LANDMARK_COLOR
-            )
-        )
+        along = [_timed(line, tau) for line in _flow_lines(match, landmarks.points(mesh))]
+        paths.append(Paths.along("landmarks", along, _LANDMARK_COLOR))
         paths += [replace(each, disc=3.0) for each in _landmarks(match, 1)]
     return paths
 
 
-def _flow_line_paths(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
-    """Return times and points (N, 3) of the flow lines from ``seeds``, at uniform times.
-
-    If a line ends early, its last point is repeated. The list is empty if a line crosses too many
-    faces.
-    """
+def _flow_lines(match: Match, seeds: SurfacePoints) -> list[FlowLine]:
+    """Return the flow lines from ``seeds``; none if a line crosses too many faces."""
     tau = match.parameters.tau
-    found, lines = [], []
     with step("flow lines"), suppress(AbfmError):  # flow lines over too many faces raise an error
-        lines = flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
-    for line in lines:
-        times = np.linspace(0, tau, _POINTS_PER_LINE)
-        places = [np.interp(times, line.times, line.positions[:, x]) for x in range(3)]
-        found.append((times, np.stack(places, axis=1)))
-    return found
+        return flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
+    return []
+
+
+def _timed(line: FlowLine, tau: float) -> tuple[FloatArray, FloatArray]:
+    """Return uniform times up to ``tau`` and the points (N, 3) of a line, whose end may repeat."""
+    times = np.linspace(0, tau, _POINTS_PER_LINE)
+    places = [np.interp(times, line.times, line.positions[:, x]) for x in range(3)]
+    return times, np.stack(places, axis=1)
 
 
 def _landmarks(match: Match, side: int) -> list[Paths]:
@@ -299,7 +305,8 @@ def _page(found: Match | Registration, title: str, about: str, panels: list[Pane
     tau = match.parameters.tau
     clock = Clock(0.0, tau, _PLAY_SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
     facts = found.facts
-    reported = facts.notes
+    is_faint = any(paths.opacities is not None for panel in panels for paths in panel.paths)
+    reported = [*facts.notes, *([_FAINT_NOTE] if is_faint else [])]
     if (count := match.source.shape[1]) > CHANNELS_MAX:
         reported.append(f"the page shows the first {CHANNELS_MAX} of {count} pairs of functions")
     specs = zip(*(side[:CHANNELS_MAX] for side in match.problem.specs), strict=True)

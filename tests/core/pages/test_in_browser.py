@@ -518,3 +518,18 @@ def test_notebook_view_is_drawn_in_its_frame(driver, tmp_path):
     grey = shown.picture()[y - 5 : y + 5, x - 5 : x + 5].reshape(-1, 3)
     assert np.ptp(grey, axis=1).max() < 10
     assert 100 < grey.mean() < 230
+
+
+def test_color_bar_has_arrows_at_clipped_ends(open_page):
+    colors = ColorRange("viridis", 0.0, 1.0, 0.0, 50.0)
+    shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(0.0, 50.0), colors)], FRONT)))
+    ends = shown.driver.find_elements("css selector", ".end")
+    assert [each.text for each in ends] == ["0", "0.5", "1"]
+    strip = shown.find(".strip")
+    assert strip.get_attribute("title") == "Values range from 0 to 50."
+    assert "clips-high" in strip.get_attribute("class")
+    assert "clips-low" not in strip.get_attribute("class")
+    assert 8 < strip.size["height"] < 16
+    clicked(shown, 60)
+    shown.until(lambda: shown.find("#plot").is_displayed())
+    assert shown.find("#plot-title").text.split(": ")[1] in ("0", "50")

@@ -144,7 +144,7 @@ function drawColorBars(page, layer) {
     label.title = label.textContent;
     const [low, high] = shown.ends;
     const [below, above] = shown.clipped;
-    const strip = add(`strip${below ? " below" : ""}${above ? " above" : ""}`);
+    const strip = add(`strip${below ? " clips-low" : ""}${above ? " clips-high" : ""}`);
     strip.style.backgroundImage = shown.gradient;
     const text = (value) => formatNumber(value, digitsFor(shown.ends));
     if (below || above) strip.title = `Values range from ${shown.full.map(text).join(" to ")}.`;
