@@ -42,6 +42,7 @@ EXAMPLES = {
     "expression": "expression:sin(10*x)*z",
     "permuted": "permuted:mirror(gaussian:vertex=12)",
     "scaled": "scaled:2,offset=1(coordinate:z)",
+    "smoothed": "smoothed:0.05(curvature:mean)",
     "circular": "circular:period=360(file:angle.npy)",
 }
 

@@ -1,7 +1,7 @@
 """Gaussians in the spec (text) of a function, and specs with one Gaussian changed.
 
-A Gaussian is a term of a sum. The sum may be scaled or composed with a vertex map. Gaussians are
-numbered from 0; ``bump`` is such a number.
+A Gaussian is a term of a sum. The sum may be scaled, smoothed or composed with a vertex map.
+Gaussians are numbered from 0; ``bump`` is such a number.
 """
 
 from __future__ import annotations
@@ -24,10 +24,8 @@ def gaussians(spec: str) -> list[functions.Gaussian]:
 
 def is_mapped(spec: str) -> bool:
     """Return whether a spec permutes the vertices, so that its Gaussians peak at other vertices."""
-    tree = functions.parse(spec)
-    while isinstance(tree, functions.Scaled):
-        tree = tree.function
-    return isinstance(tree, functions.Permuted)
+    parts = functions.functions_in(functions.parse(spec))
+    return any(isinstance(part, functions.Permuted) for part in parts)
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
@@ -82,13 +80,13 @@ def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
 
 
 def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
-    while isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
+    while isinstance(tree, functions.Wrapper):
         tree = tree.function
     return tree.terms if isinstance(tree, functions.Sum) else (tree,)
 
 
 def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
-    if isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
+    if isinstance(tree, functions.Wrapper):
         return replace(tree, function=_with_inner(tree.function, inner))
     return inner
 

@@ -1,5 +1,6 @@
-"""Scaling of a source function to the range of its target."""
+"""Scaling of a function to the range of another one, and smoothing."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,13 @@ from abfm.types import FloatArray
 _RANGE_TOLERANCE = 1e-3  # fraction of the target's range; smaller differences are ignored
 
 
-def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
-    """Return the spec (text) of a source, scaled and shifted so that its range is the target's.
+def rescaled(spec: str, values: FloatArray, other: FloatArray) -> str:
+    """Return the spec (text) of a function, scaled and shifted to the range of another one.
 
-    ``source`` (V,) and ``target`` (W,) are values of the two functions. The spec stays the same if
+    ``values`` (V,) and ``other`` (W,) are values of the two functions. The spec stays the same if
     the ranges agree already, or if one of the functions is constant.
     """
-    (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
+    (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (values, other))
     if not (high > low and most > least):
         return spec
     slack = _RANGE_TOLERANCE * (most - least)
@@ -26,3 +27,11 @@ def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
     found = functions.scaled(functions.parse(spec), factor, least - factor * low)
     factor, offset = (float(f"{number:.12g}") for number in (found.factor, found.offset))
     return str(replace(found, factor=factor, offset=offset))
+
+
+def smoothed(spec: str, length: float) -> str:
+    """Return the spec of a function, smoothed over a length in sqrt(area); combine smoothings."""
+    tree = functions.parse(spec)
+    if isinstance(tree, functions.Smoothed):
+        length, tree = math.hypot(length, tree.length), tree.function
+    return str(functions.Smoothed(length=float(f"{length:.4g}"), function=tree))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,16 +15,18 @@ from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.document.kinds import MatchDocument
-from abfm_viewer.panels import initial_map, landmarks
+from abfm_viewer.panels import hints, initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import reserved
 from abfm_viewer.widgets.toolkit import TextTone, Ui
 from abfm_viewer.widgets.widget_record import Range
 
 Put: TypeAlias = "Callable[[functions.Family, str], None]"
 """Called with a changed function and the label of the widget that changed it."""
 _LABEL_LENGTH_MAX = 16  # characters
+_SIDE_LINES = 6  # lines reserved for a function: title, family, three of parameters, text
 _MOUSE_TIP = (
     "Shift-click on the source or target also moves its Gaussian; Shift-wheel sets the width."
 )
@@ -32,7 +34,6 @@ _ADD_CHANNEL = (
     "Add another pair of functions that the same flow matches. It starts with a fixed Gaussian "
     "far from all others."
 )
-_RESCALE = "Scale and shift the source to the range of the target."
 _CIRCULAR_TIP = (
     "The values are phases, which repeat after a period. Compare their cosine and sine, as two "
     "channels, instead of the values."
@@ -108,12 +109,14 @@ def draw(context: Context) -> None:
         ui.note("A source and a target for this mesh are being chosen.")
         return
     _draw_channels(context)
+    is_wide = any(ui.halves("", ""))
+    lines = (_SIDE_LINES, _SIDE_LINES - 1) if is_wide else (_SIDE_LINES + 2, _SIDE_LINES + 1)
     for side in SIDES:
-        with ui.group(side):
+        with ui.group(side), reserved(ui, *lines):
             _Side(context, side, session.active.spec(side)).draw()
     _draw_circular(ui, session)
-    _draw_expected(ui, session)
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_MOUSE_TIP)
+    hints.draw(context)
 
 
 def _draw_circular(ui: Ui, session: Session) -> None:
@@ -128,18 +131,6 @@ def _draw_circular(ui: Ui, session: Session) -> None:
         with ui.refusals.refusing("circular"):
             session.editor.set_circular(None if is_circular else period)
     ui.refusal("circular")
-
-
-def _draw_expected(ui: Ui, session: Session) -> None:
-    """Draw the reason why no flow can match the functions, and advice, at the end of the tab."""
-    if (facts := session.work.expected_facts) is None:
-        return
-    ui.note(sentence(facts.reason), facts.tone)
-    if session.rescaled_channels() != session.channels:
-        if ui.button("Rescale", _RESCALE):
-            session.rescale()
-    elif facts.advice:
-        ui.note(f"Advice: {facts.advice}.")
 
 
 def _draw_channels(context: Context) -> None:
@@ -186,10 +177,8 @@ def _short(tree: functions.Spec) -> str:
         return f"{len(tree.terms)} {families.pop() + 's' if len(families) == 1 else 'terms'}"
     if isinstance(tree, functions.Permuted):
         return f"{_short(tree.function)}, {Path(tree.path).name}"
-    if isinstance(tree, functions.Scaled):
-        return f"{_short(tree.function)}, scaled"
-    if isinstance(tree, functions.Circular):
-        return f"{_short(tree.function)}, {tree.part or 'circular'}"
+    if isinstance(tree, functions.Wrapper):
+        return f"{_short(tree.function)}, {getattr(tree, 'part', None) or tree.family}"
     if not isinstance(tree, functions.Family):
         return "function"
     if tree.positional is None:
@@ -208,6 +197,28 @@ def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
     return None if family is functions.Permuted else next(files, None)
 
 
+def _families() -> list[str]:
+    """Return the names of the families that do not change another function."""
+    found = functions.families()
+    return [cls.family for cls in found if not issubclass(cls, functions.Wrapper)]
+
+
+def _unwrapped(tree: functions.Spec) -> tuple[list[functions.Wrapper], functions.Spec]:
+    """Return the wrappers of a function, the outermost first, and the function inside them."""
+    wrappers = []
+    while isinstance(tree, functions.Wrapper):
+        wrappers.append(tree)
+        tree = tree.function
+    return wrappers, tree
+
+
+def _wrapped(wrappers: Sequence[functions.Wrapper], inner: functions.Spec) -> functions.Spec:
+    """Return a function inside wrappers, of which the first one is the outermost."""
+    for wrapper in reversed(wrappers):
+        inner = replace(wrapper, function=inner)
+    return inner
+
+
 class _Side:
     """Widgets for the source or the target function of the active channel."""
 
@@ -216,14 +227,14 @@ class _Side:
         self._side, self._spec = side, spec
         self._mesh = context.session.surface(side).mesh
         self._bump = active_gaussian(context.session, side)
-        tree = functions.parse(spec)
-        self._map = tree if isinstance(tree, functions.Permuted) else None
-        self._inner: functions.Spec = self._map.function if self._map else tree
+        wrappers, self._inner = _unwrapped(functions.parse(spec))
+        self._map = next((w for w in wrappers if isinstance(w, functions.Permuted)), None)
+        self._wrappers = [w for w in wrappers if w is not self._map]
 
     def draw(self) -> None:
         ui, inner = self._ui, self._inner
         self._draw_heading()
-        left, right = ui.halves("family", "vertex map")
+        left, right = ui.halves("family", "map", max(_families(), key=len))
         self._draw_family(left)
         if right:
             ui.same_line()
@@ -235,6 +246,8 @@ class _Side:
             file = _file_of(type(inner))
             if file is not None and ui.button("Browse...", "Choose the file."):
                 self._choose_values(type(inner), file)
+        for wrapper in self._wrappers:
+            draw_parameters(ui, wrapper, self._mesh, partial(self._put_wrapper, wrapper))
         typed = ui.text("spec", self._spec, _SPEC)
         if typed is not None:
             self._put(typed, "spec")
@@ -246,7 +259,14 @@ class _Side:
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
     def _put_inner(self, function: functions.Spec, label: str) -> None:
-        self._put(str(self._mapped(function)), label)
+        self._put(str(self._mapped(_wrapped(self._wrappers, function))), label)
+
+    def _put_wrapper(
+        self, wrapper: functions.Wrapper, changed: functions.Family, label: str
+    ) -> None:
+        assert isinstance(changed, functions.Wrapper)
+        wrappers = [changed if each is wrapper else each for each in self._wrappers]
+        self._put(str(self._mapped(_wrapped(wrappers, self._inner))), label)
 
     def _mapped(self, function: functions.Spec) -> functions.Spec:
         return function if self._map is None else replace(self._map, function=function)
@@ -257,6 +277,8 @@ class _Side:
         color, title = getattr(ui.colors, self._side), document.slot_title(self._side)
         if self._spec in document.display_names:
             title = f"{title}: {_display_name(document, self._spec)}"
+        title = ", ".join([title, *(wrapper.family for wrapper in self._wrappers)])
+        ui.align()  # the title is as high as one with buttons
         if bump is None:
             ui.heading(title, color)
             return
@@ -281,9 +303,8 @@ class _Side:
             is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
             now = "gaussian" if is_gaussian else _SEVERAL_TERMS
         about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
-        of_others = functions.Permuted, functions.Scaled, functions.Circular
-        names = [name for name in known if known[name] not in of_others]
-        words, tip = [*dict.fromkeys([*names, now])], _FAMILY.format(name=now, summary=about)
+        words = [*dict.fromkeys([*_families(), now])]
+        tip = _FAMILY.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, words, tip, width)
         if chosen == now:
             return
@@ -291,7 +312,8 @@ class _Side:
             self._choose_values(family, file)
         else:
             example = family.example or family.family
-            self._put_inner(_example(example, self._mesh, self._vertex()), "family")
+            made = self._mapped(_example(example, self._mesh, self._vertex()))
+            self._put(str(made), "family")
 
     def _draw_gaussians(self, bump: int) -> None:
         known = gaussians.gaussians(self._spec)
@@ -313,13 +335,14 @@ class _Side:
         now = _NO_MAP if self._map is None else Path(self._map.path).name
         words = [_NO_MAP, *abfm.maps.KINDS, _MAP_FILE]
         words = words if now in words else [now, *words]
-        chosen = self._ui.combo("vertex map", now, words, _MAP, width)
-        permuted = partial(functions.Permuted, function=self._inner)
+        chosen = self._ui.combo("map##vertex map", now, words, _MAP, width)
+        function = _wrapped(self._wrappers, self._inner)
+        permuted = partial(functions.Permuted, function=function)
         if chosen == _MAP_FILE:
             (file,) = functions.Permuted.parameters()
             self._choose("Open a vertex map", file, lambda path: permuted(path=path))
         elif chosen == _NO_MAP != now:
-            self._put(str(self._inner), "vertex map")
+            self._put(str(function), "vertex map")
         elif chosen != now:
             self._put(str(permuted(path=chosen)), "vertex map")
 
@@ -357,30 +380,35 @@ def _example(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
 
 def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
     """Draw the widgets for the shape and the parameters of a function, those with sliders last."""
-    if function.shapes:
+
+    def draw_shape(width: float) -> None:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
-        now = function.shape()
-        chosen = ui.combo("shape", now, tuple(function.shapes), sentence(about))
+        chosen = ui.combo("shape", now, tuple(function.shapes), sentence(about), width)
         if chosen != now:
             other = _example(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
             assert isinstance(other, functions.Family)
             put(other, "shape")
-            function = other
-    shape = function.shapes.get(function.shape())
+
+    now = function.shape()
+    shape = function.shapes.get(now)
     controls = [
         _Control(ui, function, mesh, put, parameter)
         for parameter in function.parameters()
         if not (parameter.instead_of and getattr(function, parameter.name) is None)
         and (shape is None or parameter.name in shape.parameters)
     ]
-    short = [control for control in controls if control.ends is None]
+    short: list[tuple[str, Callable[[float], None]]] = [
+        (each.parameter.name, each.draw) for each in controls if each.ends is None
+    ]
+    if function.shapes:
+        short.insert(0, ("shape", draw_shape))
     for pair in (short[at : at + 2] for at in range(0, len(short), 2)):
-        names = [control.parameter.name for control in pair]
+        names = [name for name, _ in pair]
         widths = ui.halves(*names) if len(pair) == 2 else (0.0,)
-        for number, (control, width) in enumerate(zip(pair, widths, strict=True)):
+        for number, ((_, draw_one), width) in enumerate(zip(pair, widths, strict=True)):
             if number and width:
                 ui.same_line()
-            control.draw(width)
+            draw_one(width)
         for name in names:
             ui.refusal(name)
     for control in controls:

@@ -30,7 +30,7 @@ from abfm_viewer.document.kinds import (
     SubjectDocument,
     document_on,
 )
-from abfm_viewer.document.rescaling import rescaled
+from abfm_viewer.document.rescaling import rescaled, smoothed
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Step
 from abfm_viewer.session.notices import RUN
@@ -332,29 +332,38 @@ class Session(Parts):
         retained = in_use | _meshes(*in_history, *self.saves.unsaved_documents)
         self.functions.release_unused(in_use, retained)
 
-    def rescaled_channels(self) -> tuple[Channel, ...]:
-        """Return the channels with each source scaled and shifted to the range of its target.
+    def scaled_channels(self, side: Side) -> tuple[Channel, ...]:
+        """Return the channels with one side scaled and shifted to the range of the other.
 
-        The range of a target is measured where the mask is above 0. Sources that cannot be scaled
-        stay the same.
+        The range of a target is measured where the mask is above 0. Functions that cannot be scaled
+        stay the same, and so do all if a match standardizes their values.
         """
         document = self.document
         assert isinstance(document, MatchDocument)
+        if self.work.flow_values("target") is not self.values("target"):
+            return document.channels
         mask = self.functions.values(document.mask_function) if document.mask else None
         found = []
         for channel in document.channels:
-            values = [self.functions.values(document.function(side, channel)) for side in SIDES]
+            values = [self.functions.values(document.function(each, channel)) for each in SIDES]
             source, target = values
-            if target is not None and mask is not None:
-                target = target[mask > 0]
-            spec = channel.source
+            spec = channel.spec(side)
             if source is not None and target is not None:
-                spec = rescaled(spec, source, target)
-            found.append(channel.changed("source", spec))
+                pair = source, target if mask is None else target[mask > 0]
+                spec = rescaled(spec, *(pair if side == "source" else pair[::-1]))
+            found.append(channel.changed(side, spec))
         return tuple(found)
 
-    def rescale(self) -> None:
-        self.editor.change("rescale the source", channels=self.rescaled_channels())
+    def scale(self, side: Side) -> None:
+        self.editor.change(f"scale the {side}", channels=self.scaled_channels(side))
+
+    def smooth(self, number: int, length: float) -> None:
+        """Smooth both functions of a channel over a length, in sqrt(area)."""
+        channels = [*self.channels]
+        for side in SIDES:
+            channel = channels[number]
+            channels[number] = channel.changed(side, smoothed(channel.spec(side), length))
+        self.editor.change("smooth the functions", channels=tuple(channels))
 
     def _find_defaults(self) -> None:
         if self.channels:

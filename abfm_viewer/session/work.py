@@ -149,8 +149,18 @@ class Work(ABC):
         return None
 
     @property
+    def expected_obstacles(self) -> tuple[abfm.outcome.Facts, ...]:
+        """Facts about each obstacle to a match that is known before solving."""
+        return ()
+
+    @property
     def expected_facts(self) -> abfm.outcome.Facts | None:
         """Facts that show, before solving, that a match cannot succeed; None if it may succeed."""
+        return next(iter(self.expected_obstacles), None)
+
+    @property
+    def sufficient_smoothing(self) -> tuple[int, float] | None:
+        """A channel and a length, see `abfm.matching.sufficient_smoothing`; None if unknown."""
         return None
 
     @property
@@ -211,7 +221,8 @@ class MatchWork(Work):
         self._run = run
         self._defaults: Latest[tuple[str, str]] = parts.jobs.latest()
         self._coarse_meshes: Latest[None] = parts.jobs.latest()
-        self._expected: Latest[abfm.outcome.Facts | None] = parts.jobs.latest()
+        self._expected: Latest[tuple[abfm.outcome.Facts, ...]] = parts.jobs.latest()
+        self._smoothing: Latest[tuple[int, float] | None] = parts.jobs.latest()
         self._is_outdated = Memo[bool]()
         # the last result that was compared, and whether it is outdated
         self._compared: tuple[abfm.Match | None, bool] = None, False
@@ -329,13 +340,21 @@ class MatchWork(Work):
         )
 
     @property
-    def expected_facts(self) -> abfm.outcome.Facts | None:
+    def expected_obstacles(self) -> tuple[abfm.outcome.Facts, ...]:
         if self.parts.solver.running or self.obstacle:
-            return None
+            return ()
         goal = Parameters(goal=self.document.parameters.goal)
         spec = replace(self.problem, parameters=goal)
         given = spec, self.parts.functions.of_document(self.document)
-        return self._expected.newest(spec.mesh, _expected_facts, *given)
+        return self._expected.newest(spec.mesh, _expected_obstacles, *given) or ()
+
+    @property
+    def sufficient_smoothing(self) -> tuple[int, float] | None:
+        if self.parts.solver.running or self.obstacle:
+            return None
+        spec = replace(self.problem, parameters=Parameters())
+        given = spec, self.parts.functions.of_document(self.document)
+        return self._smoothing.request((spec.mesh, given), partial(_sufficient_smoothing, *given))
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
         """Return specs of the default source and target, None until known, and an error or "".
@@ -542,8 +561,12 @@ class SequenceWork(Work):
             parts.notices.show(_cancelled_text(count, len(found), earlier))
 
 
-def _expected_facts(spec: ProblemSpec, functions: Evaluators) -> abfm.outcome.Facts | None:
-    return abfm.matching.expected_facts(spec.problem(functions))
+def _expected_obstacles(spec: ProblemSpec, functions: Evaluators) -> tuple[abfm.outcome.Facts, ...]:
+    return abfm.matching.expected_obstacles(spec.problem(functions))
+
+
+def _sufficient_smoothing(spec: ProblemSpec, functions: Evaluators) -> tuple[int, float] | None:
+    return abfm.matching.sufficient_smoothing(spec.problem(functions))
 
 
 def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> str:

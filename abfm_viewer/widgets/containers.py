@@ -167,6 +167,22 @@ def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
             imgui.Dummy((0, ui.px(4)))
 
 
+@contextmanager
+def reserved(ui: Ui, lines: int, captions: int) -> Iterator[None]:
+    """Draw the block, and reserve the height of some lines of widgets for it.
+
+    Widgets below it then do not move. If captions are above widgets, reserve lines of text for them
+    as well.
+    """
+    height = lines * imgui.GetFrameHeightWithSpacing()
+    height += captions * imgui.GetTextLineHeightWithSpacing() * ui.captions_are_above
+    begin = imgui.GetCursorPosY()
+    yield
+    rest = begin + height - imgui.GetCursorPosY() - imgui.GetStyle().ItemSpacing[1]
+    if rest > 0:
+        imgui.Dummy((0, rest))
+
+
 def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
     """Draw tabs across the panel; return the label of the open tab, initially the first one."""
     if ui.open_tab not in labels:

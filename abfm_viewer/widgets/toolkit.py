@@ -612,20 +612,31 @@ class Ui:
         box = imgui.GetFrameHeight() + imgui.GetStyle().ItemInnerSpacing[0]
         return self.fitted(label, imgui.GetContentRegionAvail()[0] - box)
 
-    def halves(self, left: str, right: str) -> tuple[float, float]:
-        """Return the widths of two widgets that fill a line with captions; 0 if too narrow."""
+    def halves(self, left: str, right: str, choice: str = "") -> tuple[float, float]:
+        """Return the widths of two widgets that fill a line with captions; 0 if too narrow.
+
+        The left one is wide enough for a drop-down list with the text ``choice``.
+        """
         room, gap = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemInnerSpacing[0]
         if room < self.px(_PAIR_PANEL_MIN):
             return 0.0, 0.0
-        cell = (room - imgui.GetStyle().ItemSpacing[0]) / 2
-        return cell - gap - self.text_width(left), cell - gap - self.text_width(right)
+        cell = (room - imgui.GetStyle().ItemSpacing[0]) / 2 - gap
+        first, second = cell - self.text_width(left), cell - self.text_width(right)
+        list_width = self.text_width(choice) + imgui.GetFrameHeight()  # with its arrow
+        missing = max(list_width + 2 * imgui.GetStyle().FramePadding[0] - first, 0) * bool(choice)
+        return first + missing, second - missing
+
+    @property
+    def captions_are_above(self) -> bool:
+        """Whether captions are above widgets, because the panel is narrow."""
+        return float(imgui.GetContentRegionAvail()[0]) < self.px(_CAPTION_PANEL_MIN)
 
     def _placed(self, label: str, width: float = 0) -> tuple[float, float]:
         """Return the widths of the next widget and its caption, 0 if the caption is above it."""
         room, gap = float(imgui.GetContentRegionAvail()[0]), imgui.GetStyle().ItemInnerSpacing[0]
         if width:
             return width, self.text_width(label)
-        if room < self.px(_CAPTION_PANEL_MIN):
+        if self.captions_are_above:
             self.line(label, "ink")
             return room, 0.0
         widest = _CAPTION_SHARE_MAX * room

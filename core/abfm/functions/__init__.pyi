@@ -9,6 +9,7 @@ from .family import Family as Family
 from .family import Parameter as Parameter
 from .family import Spec as Spec
 from .family import ValueKind as ValueKind
+from .family import Wrapper as Wrapper
 from .family import quoted as quoted
 from .files import Permuted as Permuted
 from .files import ValuesFile as ValuesFile
@@ -21,6 +22,7 @@ from .local_shape import vertex_normals as vertex_normals
 from .objects import as_values as as_values
 from .places import Gaussian as Gaussian
 from .spec import Scaled as Scaled
+from .spec import Smoothed as Smoothed
 from .spec import Sum as Sum
 from .spec import families as families
 from .spec import function as function

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmWarning, FunctionError, ParameterError, brief
-from abfm.functions.family import POSITIVE_REAL, Family, Spec, choice, parameter
+from abfm.functions.family import POSITIVE_REAL, Spec, Wrapper, choice, parameter
 from abfm.functions.sides import warn_once
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -25,7 +25,7 @@ _JUMPS_MIN = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Circular(Family):
+class Circular(Wrapper):
     """Cosine and sine of another function, whose values repeat after a period, such as angles.
 
     As source and target it has two channels; ``part`` chooses one of them. It has no unit.
@@ -36,11 +36,6 @@ class Circular(Family):
     part: str | None = parameter(
         choice("cosine", "sine"), "one of the two functions", default=None, empty="both"
     )
-    function: Spec  # function in parentheses
-
-    def __str__(self) -> str:
-        text = super().__str__()
-        return f"{text}{'' if ':' in text else ':'}({self.function})"
 
     @property
     def parts(self) -> tuple[Spec, ...]:

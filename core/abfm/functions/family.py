@@ -129,6 +129,20 @@ class Family(Spec):
         return f"{self.family}:{','.join(words)}" if words else self.family
 
 
+@dataclass(frozen=True, kw_only=True)
+class Wrapper(Family):
+    """Base class of families that change another function.
+
+    In the text form, that function is in parentheses after the parameters.
+    """
+
+    function: Spec
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return f"{text}{'' if ':' in text else ':'}({self.function})"
+
+
 def _read(family: str, p: Parameter, value: Any) -> Any:
     text = ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value).strip()
     try:

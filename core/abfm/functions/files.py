@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm.errors import FunctionError, brief, did_you_mean
-from abfm.functions.family import WORD, Family, Spec, choice, file_name, parameter, quoted
+from abfm.functions.family import WORD, Family, Wrapper, choice, file_name, parameter, quoted
 from abfm.functions.labels import has_label
 from abfm.functions.value_files import (
     columns_of,
@@ -73,7 +73,7 @@ class ValuesFile(Family):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Permuted(Family):
+class Permuted(Wrapper):
     """Another function composed with a vertex map: ``result[i] = f[map[i]]``, in the unit of f.
 
     The map is a file for :func:`read_vertex_map`, or a symmetry that
@@ -84,7 +84,6 @@ class Permuted(Family):
     path: str = parameter(
         file_name(*VALUES_ENDINGS), "file with one vertex number per vertex; or mirror, or rotation"
     )
-    function: Spec  # function in parentheses after the path
 
     def __str__(self) -> str:
         return f"{self.family}:{quoted(self.path)}({self.function})"

@@ -7,6 +7,7 @@
              | "expression:" formula     to the end of the spec or of the parentheses around it
              | "permuted:" path "(" spec ")"
              | "scaled:" argument { "," argument } "(" spec ")"
+             | "smoothed:" argument "(" spec ")"
              | "circular:" [ argument { "," argument } ] "(" spec ")"
              | "(" spec ")"
     argument = key "=" value | value            the key of the positional parameter is optional
@@ -26,10 +27,19 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from abfm.calculus.smoothing import smoothed
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
-from abfm.functions.family import NUMBER, Family, Spec, parameter, quoted
+from abfm.functions.family import (
+    NUMBER,
+    POSITIVE_REAL,
+    Family,
+    Spec,
+    Wrapper,
+    parameter,
+    quoted,
+)
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
@@ -67,20 +77,37 @@ class Sum(Spec):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scaled(Family):
+class Scaled(Wrapper):
     """Another function times a factor, plus an offset, in the unit of the function."""
 
     family = "scaled"
     positional = "factor"
     factor: float = parameter(NUMBER, "factor of the values")
     offset: float = parameter(NUMBER, "offset added after the multiplication", default=0.0)
-    function: Spec  # function in parentheses after the numbers
-
-    def __str__(self) -> str:
-        return f"{super().__str__()}({self.function})"
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return self.factor * self.function.evaluate(mesh) + self.offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smoothed(Wrapper):
+    """Another function, smoothed by heat over a length, in the unit of the function.
+
+    Missing values stay missing, and do not count for the others.
+    """
+
+    family = "smoothed"
+    positional = "length"
+    length: float = parameter(
+        POSITIVE_REAL, "length over which values are averaged", unit="fraction of sqrt(area)"
+    )
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        values = self.function.evaluate(mesh)
+        known = np.isfinite(values)
+        parts = np.stack([np.where(known, values, 0.0), known], axis=1)
+        total, share = smoothed(mesh, parts, self.length * mesh.length_scale).T
+        return np.where(known, total / np.where(known, share, 1.0), np.nan)
 
 
 _FAMILIES: dict[str, type[Family]] = {
@@ -88,7 +115,7 @@ _FAMILIES: dict[str, type[Family]] = {
     for cls in (
         *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
         *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted, Scaled),
-        Circular,
+        *(Smoothed, Circular),
     )
 }
 
@@ -187,7 +214,7 @@ def functions_in(spec: Spec) -> Iterator[Spec]:
     """Yield a function and, recursively, all functions that it contains."""
     yield spec
     inner = spec.terms if isinstance(spec, Sum) else ()
-    for each in (spec.function,) if isinstance(spec, Permuted | Scaled | Circular) else inner:
+    for each in (spec.function,) if isinstance(spec, Wrapper) else inner:
         yield from functions_in(each)
 
 
@@ -237,7 +264,7 @@ class _Parser:
             return cls(**_values(cls, []))
         if cls.is_open_ended:
             return cls(**{str(cls.positional): self.formula()})
-        if issubclass(cls, Scaled | Circular):
+        if issubclass(cls, Wrapper) and cls is not Permuted:
             return self.wrapped(cls, depth)
         if cls is not Permuted:
             return cls(**_values(cls, self.arguments()))
@@ -246,12 +273,12 @@ class _Parser:
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
         return Permuted(path=path, function=self.inner(depth))
 
-    def wrapped(self, cls: type[Scaled | Circular], depth: int) -> Spec:
-        """Parse the arguments of a ``scaled`` or ``circular`` function, and its inner function."""
+    def wrapped(self, cls: type[Wrapper], depth: int) -> Spec:
+        """Parse the arguments of a function that changes another one, and that inner function."""
         arguments = self.take(r"[^(]*").split(",")
         if not self.take(r"\("):
-            example = "scaled:2" if cls is Scaled else "circular:period=360"
-            self.fail(f"'(' and the function, as in {example}(gaussian:vertex=1)")
+            example = {"scaled": "2", "smoothed": "0.05"}.get(cls.family, "period=360")
+            self.fail(f"'(' and the function, as in {cls.family}:{example}(gaussian:vertex=1)")
         values = _values(cls, [argument.strip() for argument in arguments])
         return cls(function=self.inner(depth), **values)
 

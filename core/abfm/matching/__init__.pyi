@@ -4,6 +4,8 @@ from .bounded import limit_distortion as limit_distortion
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
 from .judging.obstacles import expected_facts as expected_facts
+from .judging.obstacles import expected_obstacles as expected_obstacles
+from .judging.obstacles import sufficient_smoothing as sufficient_smoothing
 from .judging.remedies import Remedy as Remedy
 from .judging.verdict import RESIDUAL_REGISTERED as RESIDUAL_REGISTERED
 from .judging.verdict import SHARE_REGISTERED as SHARE_REGISTERED

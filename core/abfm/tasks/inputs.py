@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from abfm.errors import FunctionError, ParameterError, brief
-from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
+from abfm.functions import Permuted, Spec, Sum, ValuesFile, Wrapper, parse, quoted
 from abfm.functions.circular import checked_period
 from abfm.functions.circular_channels import split_channels
 from abfm.mesh.options import MERGE, MeshOptions, read_flag
@@ -45,6 +45,7 @@ Functions (SPEC):
   expression:sin(10*x)*z          formula in x, y and z
   permuted:mirror(SPEC)           a function composed with mirror, rotation, or a map from a file
   scaled:2,offset=1(SPEC)         a function times a factor, plus an offset
+  smoothed:0.05(SPEC)             a function smoothed over a length
   circular:period=360(SPEC)       cosine and sine of phases
 Vertices are counted from 0, as in the mesh file. Widths, radii and times refer to the mesh scaled
 to unit area. A mask (--mask, --mask-a, --mask-b) is a weight of each vertex.
@@ -208,11 +209,10 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
         return Sum(tuple(_with_files(term, rename) for term in spec.terms))
     if isinstance(spec, ValuesFile):
         return replace(spec, path=rename(spec.path))
-    if isinstance(spec, Scaled | Circular):
+    if isinstance(spec, Permuted) and not spec.is_detected and "." in spec.path:
+        spec = replace(spec, path=rename(spec.path))
+    if isinstance(spec, Wrapper):
         return replace(spec, function=_with_files(spec.function, rename))
-    if isinstance(spec, Permuted):
-        path = spec.path if spec.is_detected or "." not in spec.path else rename(spec.path)
-        return replace(spec, path=path, function=_with_files(spec.function, rename))
     return spec
 
 

@@ -13,7 +13,7 @@ from abfm.functions.expression import Expression
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
-from abfm.functions.spec import Scaled, scaled
+from abfm.functions.spec import Scaled, Smoothed, scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import TriangleMesh
 from tests.messages import raises
@@ -56,6 +56,9 @@ MEANINGS = {
     "scaled:2(hks)": Scaled(factor=2.0, function=HKS),
     "scaled:-0.5, offset=1e-3(hks + wks) + wks": Sum(
         (Scaled(factor=-0.5, offset=1e-3, function=Sum((HKS, WKS))), WKS)
+    ),
+    "smoothed:0.05(scaled:2(hks))": Smoothed(
+        length=0.05, function=Scaled(factor=2.0, function=HKS)
     ),
     "circular:period=360(hks)": Circular(period=360.0, function=HKS),
     "circular:(hks + wks)": Circular(function=Sum((HKS, WKS))),
@@ -158,7 +161,7 @@ def test_python_specs_are_checked_like_text():
 def test_families_have_summaries_and_parameters():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
-    assert set(described) == {*TERMS, "permuted", "scaled", "circular"}
+    assert set(described) == {*TERMS, "permuted", "scaled", "smoothed", "circular"}
     for cls in described.values():
         assert cls.summary()
         assert all(p.summary for p in cls.parameters())
@@ -239,6 +242,7 @@ specs = st.recursive(
     lambda inner: st.one_of(
         st.builds(Permuted, path=names, function=inner),
         st.builds(Scaled, factor=numbers, offset=numbers, function=inner),
+        st.builds(Smoothed, length=positives, function=inner),
         st.builds(Circular, period=positives, part=st.none() | st.just("sine"), function=inner),
         st.lists(inner.filter(lambda s: not isinstance(s, Sum)), min_size=2, max_size=3).map(
             lambda t: Sum(tuple(t))

@@ -254,6 +254,23 @@ def test_eigenbasis_solves_the_generalised_problem(mesh):
     assert np.abs(residual).max() < 1e-9 * values[-1]
 
 
+def test_smoothed_function_decays_by_its_eigenvalue():
+    """One implicit step of the heat equation divides z on the unit sphere by 1 + 2 length^2."""
+    mesh = icosphere(3)
+    length = 0.1 * mesh.length_scale
+    found = function(mesh, "smoothed:0.1(coordinate:z)")
+    assert_allclose(found, mesh.vertices[:, 2] / (1 + 2 * length**2), atol=2e-3)
+    assert_allclose(function(mesh, "smoothed:0.1(expression:3)"), 3, rtol=1e-12)
+
+
+def test_smoothing_ignores_missing_values(tmp_path):
+    mesh = icosphere(2)
+    values = np.where(np.arange(162) < 9, np.nan, 3.0)
+    np.save(tmp_path / "v.npy", values)
+    found = function(mesh, f"smoothed:0.1(file:{tmp_path}/v.npy)", allow_missing=True)
+    assert_allclose(found, values, rtol=1e-12)
+
+
 def test_eigenfunctions_are_scaled_and_signed():
     mesh = TriangleMesh(square(20).vertices * [1.5, 1, 1], square(20).faces)
     assert_array_equal(function(mesh, "eigenfunction:0"), 1)

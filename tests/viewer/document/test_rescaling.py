@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from abfm.functions import function, parse
-from abfm_viewer.document.rescaling import rescaled
+from abfm_viewer.document.rescaling import rescaled, smoothed
 from tests.shapes import icosphere
 
 MESH = icosphere(2)
@@ -26,3 +26,10 @@ def test_constant_functions_are_not_rescaled():
     source = function(MESH, "coordinate:x")
     assert rescaled("coordinate:x", source, np.full(3, 2.0)) == "coordinate:x"
     assert rescaled("expression:2", np.full(3, 2.0), source) == "expression:2"
+
+
+def test_two_smoothings_are_combined():
+    """The times of two heat flows, which are squares of lengths, add up."""
+    assert smoothed("hks", 0.03) == "smoothed:0.03(hks)"
+    assert smoothed("smoothed:0.03(hks)", 0.04) == "smoothed:0.05(hks)"
+    assert smoothed("scaled:2(hks)", 0.04) == "smoothed:0.04(scaled:2.0(hks))"

@@ -18,7 +18,8 @@ def settled(gui):
 
 def test_tour_of_channels_and_families(gui, walk):
     """All widgets of channels, Gaussians and families are used."""
-    walk(gui, edit_channels_and_gaussians, rescale_an_impossible_pair, use_each_family)
+    walk(gui, edit_channels_and_gaussians, scale_and_smooth_by_hints, use_each_family)
+    walk(gui, keep_the_place_of_the_target)
     walk(gui, match_two_channels, scale_a_function)
 
 
@@ -112,23 +113,69 @@ def edit_channels_and_gaussians(gui):
     settled(gui)
 
 
-def rescale_an_impossible_pair(gui):
+def scale_and_smooth_by_hints(gui, notes):
     session = gui.session
-    assert "Rescale" not in gui.labels()
-    gui.type("spec", "coordinate:x", within="source")
-    gui.type("spec", "expression:4*x+1", within="target")
-    settled(gui)
-    gui.wait(lambda s: s.work.expected_facts)
+
+    def set_specs(source, target):
+        gui.type("spec", source, within="source")
+        gui.type("spec", target, within="target")
+        settled(gui)
+        gui.wait(lambda s: s.work.expected_facts)
+        gui.frames(2)
+
+    assert "Scale source" not in gui.labels()
+    for side in ("source", "target"):
+        set_specs("coordinate:x", "expression:4*x+1")
+        gui.click(f"Scale {side}")
+        settled(gui)
+        gui.wait(lambda s: s.work.expected_facts is None)
+        source, target = (session.values(side) for side in ("source", "target"))
+        np.testing.assert_allclose(source, target, atol=1e-4)
+        assert "Scale source" not in gui.labels()
+        assert session.active.spec(side).startswith("scaled")
+        gui.key("ctrl+z")
+        gui.wait(lambda s: s.work.expected_facts)
+    two = "gaussian:vertex=12,width=0.25 + gaussian:vertex=44,width=0.05,height=0.5"
+    set_specs(two, "gaussian:vertex=12,width=0.25")
+    [hint] = [text for text, tone in notes() if tone == session.work.expected_facts.tone][-1:]
+    assert "2 peaks" in hint
+    gui.wait(lambda s: s.work.sufficient_smoothing)
     gui.frames(2)
-    gui.click("Rescale")
+    _, length = session.work.sufficient_smoothing
+    gui.click("Smooth")
     settled(gui)
-    gui.wait(lambda s: s.work.expected_facts is None)
-    source, target = (session.values(side) for side in ("source", "target"))
-    np.testing.assert_allclose(source, target, atol=1e-4)
-    assert "Rescale" not in gui.labels()
-    gui.key("ctrl+z")
-    assert session.active.source == "coordinate:x"
-    gui.wait(lambda s: s.work.expected_facts)
+    smooth = f"smoothed:{length:g}({two})"
+    assert (session.active.source, session.active.target[:9]) == (smooth, "smoothed:")
+    gui.type("length", "0.15", within="source")
+    gui.type("width", "0.2", within="target")
+    assert session.active.source == f"smoothed:0.15({two})"
+    assert session.active.target == f"smoothed:{length:g}(gaussian:vertex=12,width=0.2)"
+    for _ in range(3):
+        gui.key("ctrl+z")
+    assert session.active.source == two
+    settled(gui)
+
+
+def keep_the_place_of_the_target(gui):
+    """Draw the target at the same place below every family of the source."""
+    places = set()
+    for family in ("gaussian", "eigenfunction", "wks", "shape-diameter", "indicator"):
+        gui.choose("family", family, within="source")
+        gui.frames(2)
+        [place] = {
+            w.rect[1]
+            for w in gui.window.ui.widgets
+            if w.section.endswith("target") and w.label == "family"
+        }
+        places.add(place)
+    gui.choose("shape", "half-space", within="source")
+    gui.frames(2)
+    [place] = {
+        w.rect[1]
+        for w in gui.window.ui.widgets
+        if w.section.endswith("target") and w.label == "family"
+    }
+    assert places == {place}
 
 
 def use_each_family(gui):
@@ -162,7 +209,8 @@ def use_each_family(gui):
     }
     expected = {"eigenfunction": ":4", "geodesic": ":vertex=5", "expression": ":x*y"}
     for family in sorted(
-        {cls.family for cls in families()} - {"gaussian", "file", "permuted", "scaled", "circular"}
+        {cls.family for cls in families()}
+        - {"gaussian", "file", "permuted", "scaled", "smoothed", "circular"}
     ):
         choose("family", family, within=side)
         assert spec().startswith(family)

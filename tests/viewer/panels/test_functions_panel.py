@@ -143,7 +143,9 @@ def change_texts_by_widgets(gui, tmp_path):
     assert spec(gui) == "wks"
     check_message(next(reason for reason in refusals(gui) if "width" in reason), "nothing")
     gui.type("spec", "permuted:mirror(permuted:mirror(coordinate:x))", within="source")
-    assert gui.text_of("family", within="source") == "permuted"
+    assert gui.text_of("family", within="source") == "coordinate"
+    gui.choose("axis", "y", within="source")
+    assert spec(gui) == "permuted:mirror(permuted:mirror(coordinate:y))"
     assert "Browse..." not in gui.labels()
     gui.choose("family", "geodesic", within="source")
     assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")

@@ -345,7 +345,7 @@ def test_constant_target_is_reported_before_the_match(session):
     ready(session)
     until(lambda: session.work.expected_facts, session)
     assert session.work.expected_facts.outcome is Outcome.IMPOSSIBLE
-    assert session.rescaled_channels() == session.channels
+    assert session.scaled_channels("source") == session.channels
 
 
 def test_theme_belongs_to_no_document_and_no_step_of_undo(fresh):

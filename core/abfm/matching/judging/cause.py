@@ -52,7 +52,8 @@ SENTENCES: dict[Cause, str] = {
     Cause.BOTH_CONSTANT: "source and target are constant, so they determine no motion",
     Cause.SOURCE_CONSTANT: "the source is constant, and every flow leaves it constant",
     Cause.TARGET_CONSTANT: (
-        "the target is constant but the source is not, and a flow preserves all source values"
+        "{where}the target is constant but the source is not, and a flow preserves all source "
+        "values"
     ),
     Cause.VALUES_DIFFER: (
         "{channel}the source has values from {source}, the target from {target}; a flow preserves "
