@@ -53,6 +53,7 @@ def _run(words: list[str]) -> int:
     options = mesh_options(arguments)
     is_known = StateFolder().path.exists()
     opened = window.open_window(what, "openGL3_glfw", (1280, 800), options=options)
-    opened.tour.start_once(is_asked=is_known and arguments.file is not None)
+    if not (opened.preferences.get("tour_seen") or (is_known and arguments.file)):
+        opened.tour.start()
     opened.run()
     return 0

@@ -62,10 +62,8 @@ def draw_mesh(context: Context) -> None:
 def draw_meshes(context: Context) -> None:
     """Draw the name and size of both surfaces, and the initial map between them."""
     surfaces = context.session.document.surfaces
-    first, second = (
-        f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
-        for letter, surface in zip("AB", surfaces, strict=True)
-    )
+    first, second = (f"{a}: {each.name}" for a, each in zip("AB", surfaces, strict=True))
+    second += "; {:,} and {:,} vertices".format(*(len(each.mesh.vertices) for each in surfaces))
     tips = [f"{_size(surface.mesh)}. {_area(surface.mesh)}" for surface in surfaces]
     _draw_meshes(context, first, (second, "ink"), tips)
     initial_map.draw(context)

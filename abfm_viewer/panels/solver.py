@@ -109,11 +109,12 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     label, tip = "Pause", with_key("Pause the solver.", "pause")
     if solver.paused:
         label, tip = "Resume", with_key("Resume the solver.", "pause")
-    if ui.button(label, tip, enabled=solver.running, width=side):
-        solver.resume() if solver.paused else solver.pause()
-    ui.same_line()
-    if ui.button("Cancel", document.cancel_tip, enabled=solver.running, width=-1):
-        solver.cancel()
+    with ui.disabled(not solver.running, "No match is running."):
+        if ui.button(label, tip, width=side):
+            solver.resume() if solver.paused else solver.pause()
+        ui.same_line()
+        if ui.button("Cancel", document.cancel_tip, width=-1):
+            solver.cancel()
 
 
 def draw_switch(ui: Ui, session: Session) -> None:

@@ -176,17 +176,20 @@ def _is_chosen(
     is_wanted = ui.record_item(name, "item", text="checked" if loaded else "")
     # a sample of two surfaces has the thumbnail of B
     pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
-    title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
-    ui.tip(f"{title}{', loaded' if loaded else ''}: {description}")
+    size_text = f", {vertices()[name]:,} vertices" if pictured == name else ""
+    title = f"{name}{size_text}{', loaded' if loaded else ''}"
+    ui.tip(f"{title}: {description}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
     if (found := textures.find(pictured)) is not None:
         texture, first, second = found
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
-    texts = [f"{title}{'  (loaded)' if loaded else ''}", description][: max(int(side / line), 1)]
+    available = left + size[0] - x
+    title = next((each for each in (title, name) if ui.text_width(each) <= available), name)
+    texts = [title, description][: max(int(side / line), 1)]
     y = top + (side - len(texts) * line) / 2
     for text, color in zip(texts, (ui.colors.ink, ui.colors.muted), strict=False):
-        shown = abbreviated(text, left + size[0] - x, ui.text_width)
+        shown = abbreviated(text, available, ui.text_width)
         draw_list.AddText((x, y), imgui.ColorConvertFloat4ToU32(color), shown)
         y += line
     return chosen or is_wanted

@@ -1,9 +1,6 @@
 """Search of all actions: menu items, buttons, tabs, samples, settings, parameters and help."""
 
-import time
 from collections.abc import Callable, Sequence
-
-import polyscope.imgui as imgui
 
 from abfm import explanations
 from abfm_viewer.dialogs.palette import Entry
@@ -13,9 +10,8 @@ from abfm_viewer.panels.right_panel import STEPS, TABS
 from abfm_viewer.widgets.toolkit import HELP_TEXT
 from abfm_viewer.widgets.widget_record import Widget
 
-_KINDS = ("button", "checkbox", "combo", "choice", "box", "tab", "item")
+_KINDS = ("button", "checkbox", "choice", "box", "tab", "item")
 _FRAMES_MAX = 3  # to draw a widget whose tab was closed
-_FLASH_SECONDS = 1.6
 _HELP = "Explain"
 
 
@@ -30,14 +26,12 @@ class Search:
         self._context, self._draw_unseen = context, draw_unseen
         self._is_requested = False
         self._frames = 0
-        self._flashed: Widget | None = None
-        self._flash_end = 0.0
 
     def open(self) -> None:
         self._is_requested = True
 
     def update(self) -> None:
-        """Open the search if requested, and mark a chosen widget. Call at the end of a frame."""
+        """Open the search if requested. Call at the end of a frame."""
         ui = self._context.ui
         if self._is_requested and not self._context.dialogs.is_open:
             with ui.unseen() as record:
@@ -48,13 +42,6 @@ class Search:
             self._frames += 1
             if self._frames > _FRAMES_MAX:
                 ui.wanted = None
-        if self._flashed is not None and time.monotonic() < self._flash_end:
-            now = [each for each in ui.record.drawn if each.key == self._flashed.key]
-            color = imgui.GetColorU32(ui.colors.accent)
-            for left, top, right, bottom in (each.rect for each in now):
-                corners = (left - 3, top - 3), (right + 3, bottom + 3)
-                drawing = imgui.GetForegroundDrawList()
-                drawing.AddRect(*corners, color, ui.px(4), 0, ui.px(2))
 
     def _use(self, entry: Entry) -> None:
         ui, widget = self._context.ui, entry.widget
@@ -70,7 +57,6 @@ class Search:
         if tab in TABS:
             ui.open_tab = tab
             ui.open_sections.update({name: True for name in sections if name in ui.open_sections})
-        self._flashed, self._flash_end = widget, time.monotonic() + _FLASH_SECONDS
 
 
 def entries(widgets: Sequence[Widget]) -> list[Entry]:

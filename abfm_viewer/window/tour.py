@@ -18,8 +18,8 @@ PANEL = "panel"
 VERDICT = "verdict"
 TIME_BAR = "time bar"
 _WIDTH = 300
-_GAP = 26  # between a card and its target; contains the arrow
-_ARROW = 9
+_HEIGHT = 150  # of the first card, before it is drawn
+_GAP = 12
 
 
 class _Stop(NamedTuple):
@@ -92,107 +92,79 @@ _STOPS = (
 
 
 class Tour:
-    """The state of the tour; `draw` draws the present card."""
+    """The tour, whose present card has a title, a place and a target, which a frame surrounds."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._number: int | None = None
+        self._stops: list[_Stop] = []  # that are not finished
         self._before: object = None
-        self._parts: Mapping[str, Rect] = {}
-        # the card and its target in the latest frame
-        self.place: Rect = (0.0, 0.0, 0.0, 0.0)
-        self.target: Rect = (0.0, 0.0, 0.0, 0.0)
+        self.place = self.target = (0.0, 0.0, 0.0, 0.0)
 
     @property
     def title(self) -> str:
-        """Title of the present card; empty if there is none."""
-        return "" if self._number is None else _STOPS[self._number].title
+        return self._stops[0].title if self._stops else ""
 
     def start(self) -> None:
         self._context.preferences.change(tour_seen=True)
-        self._go_to(0)
-
-    def start_once(self, is_asked: bool) -> None:
-        """Start the tour unless the user has seen it, or ``is_asked`` to do other things."""
-        if not (is_asked or self._context.preferences.get("tour_seen")):
-            self.start()
+        self._go_to([*_STOPS])
 
     def draw(self, parts: Mapping[str, Rect]) -> None:
-        """Draw the card and the frame around its target, unless a dialog is open."""
-        if (number := self._number) is None:
+        """Draw the present card, unless a dialog is open. Call at the end of a frame."""
+        if not self._stops:
             return
-        stop, ui = _STOPS[number], self._context.ui
-        left, _, right, _ = parts[PANEL]
-        ends = (each.rect[1] for each in ui.record.drawn if each.kind == "tab")
-        bottom = min(ends, default=parts[PANEL][3]) - imgui.GetStyle().ItemSpacing[1]
-        verdict = left, bottom - ui.heights.get("state", 0.0), right, bottom
-        self._parts = {**parts, VERDICT: verdict}
-        target = self.target = self._target(stop)
+        stops, ui = self._stops, self._context.ui
+        stop = stops[0]
+        self.target = self._target(stop, parts)
         if not self._context.dialogs.is_open:
-            self._draw_card(stop, target)
-        is_clicked = imgui.IsMouseReleased(0) and _is_in(target, imgui.GetMousePos())
+            self._draw_card(stop, parts[PANEL])
+        is_clicked = imgui.IsMouseReleased(0) and _is_in(self.target, imgui.GetMousePos())
         changed = stop.state(self._context) is not self._before if stop.state else is_clicked
-        is_idle = not (imgui.IsMouseDown(0) or ui.capturing)
-        if changed and is_idle and self._number == number:
-            self._go_to(number + 1)
+        if changed and self._stops is stops and not (imgui.IsMouseDown(0) or ui.capturing):
+            self._go_to(stops[1:])
 
-    def _go_to(self, number: int) -> None:
-        self._number = number if number < len(_STOPS) else None
-        if self._number is not None:
-            stop = _STOPS[self._number]
+    def _go_to(self, stops: list[_Stop]) -> None:
+        self._stops = stops
+        for stop in stops[:1]:
             self._before = stop.state(self._context) if stop.state else None
             self._context.ui.open_tab = stop.tab or self._context.ui.open_tab
 
-    def _target(self, stop: _Stop) -> Rect:
-        named = [self._parts[name] for name in stop.targets if name in self._parts]
-        named += [
-            widget.rect
-            for widget in self._context.ui.record.drawn
-            if {widget.label, widget.name} & {*stop.targets}
-            and (widget.is_within(stop.section) if stop.section else not widget.section)
-        ]
-        left, top, right, bottom = placement.hull(*(named or [self._parts[PANEL]]))
+    def _target(self, stop: _Stop, parts: Mapping[str, Rect]) -> Rect:
+        ui, (left, _, right, bottom) = self._context.ui, parts[PANEL]
+        padding, spacing = imgui.GetStyle().WindowPadding[0], imgui.GetStyle().ItemSpacing[1]
+        ends = (each.rect[1] for each in ui.record.drawn if each.kind == "tab")
+        end = min(ends, default=bottom) - spacing
+        verdict = left, end - ui.heights.get("state", 0.0), right, end
+        known = {**parts, VERDICT: verdict}
+        named = [known[name] for name in stop.targets if name in known]
+        for widget in ui.record.drawn:
+            is_there = widget.is_within(stop.section) if stop.section else not widget.section
+            if is_there and widget.label in stop.targets:
+                named.append(widget.rect)
         if len(named) > 1:  # with the captions of the widgets
-            right = self._parts[PANEL][2] - imgui.GetStyle().WindowPadding[0]
-        return left, top, right, bottom
+            named.append((right - padding, *named[0][1:2], right - padding, named[0][3]))
+        return placement.hull(*(named or [parts[PANEL]]))
 
-    def _draw_card(self, stop: _Stop, target: Rect) -> None:
-        ui, number = self._context.ui, self._number or 0
-        window, color = ui.record.areas[0], ui.colors.accent
+    def _draw_card(self, stop: _Stop, panel: Rect) -> None:
+        ui, window, target = self._context.ui, self._context.ui.record.areas[0], self.target
         width = min(ui.px(_WIDTH), 0.45 * (window[2] - window[0]))
-        height = self.place[3] - self.place[1] or ui.px(150)
-        area = self._parts[PANEL] if target[0] >= self._parts[PANEL][0] else None
+        height = self.place[3] - self.place[1] or ui.px(_HEIGHT)
+        area = panel if target[0] >= panel[0] else None
         left, top = placement.beside(target, area, window, (width, height), ui.px(_GAP))
-        is_last = number == len(_STOPS) - 1
-        with card(ui, "tour", (left, top, width), color, window[3] - window[1]):
-            ui.line(f"{stop.title}  ({number + 1} of {len(_STOPS)})", "muted")
+        with card(ui, "tour", (left, top, width), ui.colors.accent, window[3] - window[1]):
+            number = len(_STOPS) - len(self._stops) + 1
+            ui.line(f"{stop.title}  ({number} of {len(_STOPS)})", "muted")
             ui.note(stop.text, "ink")
+            is_last = len(self._stops) == 1
             if ui.button("Done" if is_last else "Next", "Continue the tour.", primary=True):
-                self._go_to(number + 1)
-            if not is_last:
-                ui.same_line()
-                if ui.button("Skip tour", "End the tour. The menu Help starts it again."):
-                    self._number = None
+                self._go_to(self._stops[1:])
+            ui.same_line()
+            if not is_last and ui.button("Skip tour", "End it. The menu Help starts it again."):
+                self._stops = []
             height = float(imgui.GetWindowHeight())
         self.place = (left, top, left + width, top + height)
-        self._draw_frame(target, self.place)
-
-    def _draw_frame(self, target: Rect, own: Rect) -> None:
-        """Draw a frame around the target, and an arrow to it from the card."""
-        ui, drawing = self._context.ui, imgui.GetForegroundDrawList()
-        color, side = imgui.GetColorU32(ui.colors.accent), ui.px(_ARROW)
-        left, top, right, bottom = target
-        corners = (left - 2, top - 2), (right + 2, bottom + 2)
-        drawing.AddRect(*corners, color, ui.px(4), 0, ui.px(2))
-        x = (max(own[0], left) + min(own[2], right)) / 2
-        y = (max(own[1], top) + min(own[3], bottom)) / 2
-        if own[2] <= left or own[0] >= right:
-            x, way = (left - 4, -side) if own[2] <= left else (right + 4, side)
-            base = (x + way, y - side), (x + way, y + side)
-        else:
-            y, way = (top - 4, -side) if own[3] <= top else (bottom + 4, side)
-            base = (x - side, y + way), (x + side, y + way)
-        drawing.AddTriangleFilled((x, y), *base, color)
+        corners = (target[0] - 2, target[1] - 2), (target[2] + 2, target[3] + 2)
+        color = imgui.GetColorU32(ui.colors.accent)
+        imgui.GetForegroundDrawList().AddRect(*corners, color, ui.px(4), 0, ui.px(2.5))
 
 
 def _is_in(rect: Rect, place: tuple[float, float]) -> bool:

@@ -330,7 +330,6 @@ def take_the_tour(gui):
     window, tour, begun = gui.window, gui.window.tour, gui.session.view
     gui.menu("Help", "Tour")
     assert window.preferences.get("tour_seen")
-    tour.start_once(is_asked=False)  # the user has seen it
     gui.input.drag((100, 200), (130, 210))
     gui.frames(2)
     assert gui.session.view.viewpoint != begun.viewpoint
