@@ -150,7 +150,7 @@ class Tour:
         height = self.place[3] - self.place[1] or ui.px(_HEIGHT)
         area = panel if target[0] >= panel[0] else None
         left, top = placement.beside(target, area, window, (width, height), ui.px(_GAP))
-        with card(ui, "tour", (left, top, width), ui.colors.accent, window[3] - window[1]):
+        with card(ui, "tour", (left, top + height, width), ui.colors.accent, window[3] - window[1]):
             number = len(_STOPS) - len(self._stops) + 1
             ui.line(f"{stop.title}  ({number} of {len(_STOPS)})", "muted")
             ui.note(stop.text, "ink")
