@@ -28,6 +28,7 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.contents import PROJECT
 from abfm_viewer.files.documents import read_document
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
+from abfm_viewer.session.saving.export_settings import BACKGROUNDS
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -44,7 +45,7 @@ Examples:
   abfm render reg.npz --out reg.html
   abfm render sequence.npz --out sequence.png --time 0.1 --time 0.2
   abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
-  abfm render my.abfm --out my.png --size 3840x2160 --transparent
+  abfm render my.abfm --out my.png --size 3840x2160 --background transparent
 """
 DETAILS = """\
 A picture of a match is a sheet of panels: the source, the source at some times of the flow, and the
@@ -60,7 +61,7 @@ MAIN_OPTIONS = (
     "view",
     "up",
     "streaks",
-    "transparent",
+    "background",
     "seconds",
     "from",
     "to",
@@ -69,8 +70,8 @@ MAIN_OPTIONS = (
 Known = dict[str, FloatArray]
 _MOVIES = (".mp4", ".gif")
 _PAGE = ".html"
-_PICTURE_OPTIONS = ("size", "time", "style", "channel", "progress")
-_WINDOW_OPTIONS = ("theme", "transparent", "no_color_bar", "no_labels", "streaks", "fade")
+_PICTURE_OPTIONS = ("size", "dpi", "time", "style", "channel", "progress")
+_WINDOW_OPTIONS = ("theme", "background", "no_color_bar", "no_labels", "streaks", "fade")
 _MOVIE_OPTIONS = ("seconds", "fps", "start", "end", "turntable")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS = 4.0
@@ -92,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "WxH",
         type=size,
     )
+    add("--dpi", "pixels per inch of a printed picture (default: 300)", "N", type=positive)
     add(
         "--time",
         "time of a picture, 0 to 2 tau for a match (default: that of the project, or tau). It is "
@@ -108,7 +110,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--channel", "channel number (default: 0, or the active one of a project)", "C", type=int)
     add_view(add)
     add = adder(parser.add_argument_group("pictures and movies in the style of the window"))
-    add("--transparent", "make the background transparent")
+    what = "background: theme (default), white, or transparent (pictures only)"
+    add("--background", what, choices=BACKGROUNDS)
     add("--no-color-bar", "omit the colour bars")
     add("--no-labels", "omit the names of the surfaces")
     add(
@@ -152,7 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
         size = _write_movie(arguments, _chosen(arguments, document), known)
     else:
         picture = _picture(arguments, document, known)
-        outputs.write_picture(out, picture)
+        outputs.write_picture(out, picture, arguments.dpi)
         size = f" ({picture.width} x {picture.height})"
     print(f"wrote {printable(out)}{size}")
     return 0
@@ -173,8 +176,10 @@ def _check_movie(arguments: argparse.Namespace) -> None:
             "--style sheet needs a picture (.png); movies have the style of the window"
         )
     why = f"needs a picture (.png); a {suffix} file has no transparency"
-    _refuse(arguments, ("transparent",), why)
+    if arguments.background == "transparent":
+        raise UsageError(f"--background transparent {why}")
     _refuse(arguments, ("time",), "needs a picture; use --from and --to for a movie")
+    _refuse(arguments, ("dpi",), why.split(";")[0])
     slowest, fastest = outputs.FPS_MIN, outputs.FPS_MAX[suffix]
     if fps is not None and not slowest <= fps <= fastest:
         raise UsageError(
@@ -258,7 +263,7 @@ def _renderer(
     document = replace(document, view=replace(document.view, theme=theme))
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
-        arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)
+        arguments.background or "theme", with_bar, with_labels, turns=bool(arguments.turntable)
     )
     pixels = arguments.size or _SIZE[arguments.out.suffix]
     return pictures.DocumentRenderer(document, known, pixels, choices)

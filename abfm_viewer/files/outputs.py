@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from abfm.tasks import Task
 
+DPI = 300.0  # of printed pictures, in pixels per inch
 FPS_MIN = 0.1
 # frames per second by suffix; browsers slow down faster GIFs
 FPS_MAX = {".mp4": 120.0, ".gif": 50.0}
@@ -172,6 +173,7 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
-def write_picture(path: Path, picture: Image.Image) -> None:
+def write_picture(path: Path, picture: Image.Image, dpi: float | None = None) -> None:
+    """Write a PNG picture, which is printed with ``dpi`` pixels per inch, by default 300."""
     with write_atomically(path) as temporary:
-        picture.save(temporary)
+        picture.save(temporary, dpi=(dpi or DPI, dpi or DPI))

@@ -10,6 +10,7 @@ from abfm_viewer.files.contents import MESHES
 from abfm_viewer.files.preferences import PreferenceFile
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.session.saving.export_settings import ExportSettings
 from abfm_viewer.session.saving.exporter import Exporter
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import (
@@ -38,6 +39,7 @@ class Context:
         # lists copies of unsaved work of earlier launches; None if there are none
         self.list_copies: Callable[[], None] | None = None
         self.exporter = Exporter(session.notices.show)
+        self.exporter.settings = ExportSettings.of(self.preferences.get("export"))
         self.files = SessionFiles(session, state, self.dialogs.question)
         self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
         self.files.file_actions[OTHER_FRAMES] = self.open_frames

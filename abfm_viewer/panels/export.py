@@ -1,160 +1,194 @@
-"""The tab Export: pictures, movies and data of the current document."""
+"""The tab Export, and its dialog: formats, settings, what will be written, and its progress."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from pathlib import Path
-from typing import NamedTuple
+from dataclasses import asdict, replace
+from typing import Any
 
-import abfm
-from abfm.wording import capital
-from abfm_viewer.document.document import Document
+import polyscope.imgui as imgui
+
+from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.files import outputs
+from abfm_viewer.files.names import suggested_name
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.export_formats import MOVIE, PICTURE, Format, formats
 from abfm_viewer.panels.solver import draw_step
-from abfm_viewer.session.functions import known_values
-from abfm_viewer.session.saving.exporter import (
-    LABELS,
-    MOVIES,
-    PICTURES,
-    TABLES,
-    Exporter,
-    Known,
+from abfm_viewer.session.saving.export_settings import (
+    BACKGROUNDS,
+    MOVIE_SUFFIXES,
+    SHOWN_VIEWS,
+    ExportSettings,
 )
-from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.containers import dialog, is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
+TITLE = "Export to a file"
+_WIDTH = 620
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _CUSTOM_SIZE = "custom size"
-_LABELS_TIP = "Labels at τ, transferred by the flow (.label.gii, .annot, or a table of keys)."
 _WIDTH_RANGE = Range(320, 7680, is_integer=True)
 _HEIGHT_RANGE = Range(240, 4320, is_integer=True)
-
-
-class _Saved(NamedTuple):
-    """Settings of a button ``Save NAME...``, which writes an attribute of a document to a file."""
-
-    what: str  # in the label of the button
-    tip: str
-    name: str  # default name of the file
-    attribute: str = "result"
-    endings: tuple[str, ...] = ()  # of the file; by default the suffixes of the kind of result
-
-
-_MATCH = _Saved(
-    "result",
-    "The match (.npz), or mesh, functions and field (.ply, .vtu). Also energies (.csv) and a web "
-    "page (.html).",
-    "match.npz",
+_BACKGROUND_TIPS = (
+    "The background of the window, light or dark.",
+    "White, with the light theme, for papers.",
+    "No background, for slides and posters. Movies have the background of the window instead.",
 )
-_REGISTRATION = _Saved(
-    "registration",
-    "The correspondence of A and B (.npz) or a web page (.html). Also A's faces on B (.gii, .ply), "
-    "or A's vertex for each vertex of B (.txt, .csv, .npy).",
-    "registration.npz",
-    "complete_result",
-)
-_SEQUENCE = _Saved(
-    "sequence",
-    "Frames and fields (.npz, .pvd for ParaView), or a web page that plays them (.html). Also the "
-    "speed at vertices (-lh.stc or -rh.stc by hemisphere, .gii).",
-    "sequence.npz",
-    endings=(".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html"),
-)
+
+
+class ExportDialog:
+    """Dialog in which the user chooses the format ``name`` and settings of an exported file.
+
+    The settings are stored as preferences when a file is chosen.
+    """
+
+    def __init__(self, context: Context, name: str) -> None:
+        self._context, self._name, self._suffix = context, name, ""
+        self._has_exported = False
+
+    def draw(self, ui: Ui) -> bool:
+        """Draw the dialog; return whether the user closed it."""
+        context, exporter = self._context, self._context.exporter
+        known = formats(context)
+        name = self._name if self._name in known else PICTURE
+        has_list = is_popup_open()  # which Escape closes
+        with dialog(ui, TITLE, _WIDTH):
+            tips = [one.tip for one in known.values()]
+            self._name = ui.radio([*known], name, tips)
+            chosen, problem = known[self._name], ""
+            ui.heading(self._name)
+            ui.note(chosen.tip)
+            # settings must not change during an export; further exports are queued
+            with ui.disabled(exporter.running):
+                if self._name in (PICTURE, MOVIE):
+                    problem = self._draw_pictures(ui)
+                else:
+                    self._suffix = self._draw_suffix(ui, chosen, self._suffix)
+            if not chosen.is_ready:
+                problem = "Available after a match."
+            if problem:
+                ui.note(problem, "failure")
+            imgui.Dummy((0, ui.px(4)))
+            width = ui.px(130)
+            if ui.button("Save as...", primary=True, enabled=not problem, width=width):
+                self._choose_file(chosen)
+            ui.same_line()
+            closed = ui.button("Close", "Esc. A running export continues.", width=width)
+            if self._has_exported:
+                draw_state(context)
+            is_escape = imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False)
+            return closed or (is_escape and not has_list and not imgui.GetIO().WantTextInput)
+
+    def _choose_file(self, chosen: Format) -> None:
+        context, exporter = self._context, self._context.exporter
+        stored: dict[str, Any] = asdict(exporter.settings)
+        context.preferences.change(export=stored)
+        suffix = self._suffix if self._suffix in chosen.suffixes else chosen.suffixes[0]
+        if self._name == MOVIE:
+            suffix = exporter.settings.movie_suffix
+        others = (one for one in chosen.suffixes if one != suffix)
+        name = suggested_name(context.session.document, chosen.content, suffix)
+
+        def save(path: Any) -> None:
+            self._has_exported = True
+            chosen.save(path)
+
+        context.dialogs.save(f"Save the {self._name.lower()}", (suffix, *others), name, save)
+
+    def _draw_suffix(self, ui: Ui, chosen: Format, suffix: str) -> str:
+        suffix = suffix if suffix in chosen.suffixes else chosen.suffixes[0]
+        return ui.combo("file type", suffix, chosen.suffixes) if chosen.suffixes[1:] else suffix
+
+    def _draw_pictures(self, ui: Ui) -> str:
+        """Draw the settings of pictures or movies; return why they are impossible, if they are."""
+        exporter, is_movie = self._context.exporter, self._name == MOVIE
+        settings = self._draw_size(ui, exporter.settings)
+        if is_movie:
+            settings = self._draw_movie(ui, settings)
+        else:
+            tip = "Pixels per inch of the printed picture, 36 to 2400."
+            dpi = ui.bounded("dpi", settings.dpi, Range(72, 600, is_integer=True), tip, (36, 2400))
+            settings = replace(settings, dpi=round(dpi))
+        tip = "Side from which the surfaces are shown, by default that of the window."
+        view = ui.combo("view", settings.view, SHOWN_VIEWS, tip)
+        background = ui.radio(BACKGROUNDS, settings.background, _BACKGROUND_TIPS)
+        ui.same_line_if_fits("color bar")
+        bar = ui.checkbox("color bar", settings.color_bar, "Include the colour bars.")
+        exporter.settings = replace(settings, view=view, background=background, color_bar=bar)
+        ui.note(settings.movie_text if is_movie else settings.picture_text, "ink")
+        fastest = outputs.FPS_MAX[settings.movie_suffix]
+        if is_movie and settings.fps > fastest:
+            return f"A {settings.movie_suffix} file has at most {fastest:g} frames per second."
+        return ""
+
+    def _draw_size(self, ui: Ui, settings: ExportSettings) -> ExportSettings:
+        sizes = {"window": self._context.exporter.window_size, **_SIZES}
+        names = {size: name for name, size in sizes.items()}
+        now = names.get((settings.width, settings.height), _CUSTOM_SIZE)
+        choices = [*sizes, _CUSTOM_SIZE] if now == _CUSTOM_SIZE else list(sizes)
+        chosen = ui.combo("size", now, choices, "Size of pictures and movies.")
+        width, height = (settings.width, settings.height) if chosen == now else sizes[chosen]
+        tip = "Width in pixels, 320 to 8192."
+        width = round(ui.bounded("pixels across", width, _WIDTH_RANGE, tip, (320, 8192)))
+        tip = "Height in pixels, 240 to 8192."
+        height = round(ui.bounded("pixels down", height, _HEIGHT_RANGE, tip, (240, 8192)))
+        return replace(settings, width=width, height=height)
+
+    def _draw_movie(self, ui: Ui, settings: ExportSettings) -> ExportSettings:
+        document = self._context.session.document
+        suffix = ui.combo("file type", settings.movie_suffix, MOVIE_SUFFIXES)
+        tip = "Length of the movie in seconds."
+        seconds = ui.bounded("seconds", settings.seconds, Range(0.5, 20), tip, (0.1, 600.0))
+        tip = "Frames per second: at most 120, in a GIF 50."
+        ends = Range(5, 60, is_integer=True)
+        fps = ui.bounded("frames per second###fps", settings.fps, ends, tip, (1.0, 120.0))
+        # times of a match are in units of tau, and those of a sequence in its own unit
+        first, duration, last, unit = 0.0, 1.0, 2.0, "τ"
+        if isinstance(document, SequenceDocument):
+            first, last, unit = document.start, document.end, document.sequence.unit
+            duration = last - first
+
+        def time(label: str, share: float, tip: str) -> float:
+            caption = f"{label} ({unit})###{label}" if unit else label
+            value = min(first + share * duration, last)
+            new = ui.bounded(caption, value, Range(first, last), tip, (first, last))
+            return share if new == value else (new - first) / duration
+
+        start = time("from", settings.start, "First time of the movie.")
+        beyond = " Beyond τ the flow is extrapolated." if document.extrapolates else ""
+        end = time("to", settings.end, f"Last time of the movie.{beyond}")
+        tip = "Turns of the surfaces about their upright axis during the movie, such as 1 or -0.5."
+        turns = ui.bounded(
+            "turntable (turns)###turntable", settings.turns, Range(-2, 2), tip, (-100, 100)
+        )
+        return replace(
+            settings,
+            movie_suffix=suffix,
+            seconds=seconds,
+            fps=fps,
+            start=start,
+            end=end,
+            turns=turns,
+        )
+
+
+def open_dialog(context: Context, name: str = PICTURE) -> None:
+    """Open the dialog Export on a format."""
+    context.dialogs.push(ExportDialog(context, name), lambda _: context.dialogs.pop())
 
 
 def draw(context: Context) -> None:
-    ui, session, exporter = context.ui, context.session, context.exporter
-
-    def save(drawn: Callable[[Path, Document, Known], None], path: Path) -> None:
-        document = session.document
-        drawn(
-            path, document, partial(known_values, document, session.functions.of_document(document))
-        )
-
-    ask = context.dialogs.save
-    # settings must not change during an export; further exports are queued
-    with ui.disabled(exporter.running):
-        _draw_size(ui, exporter)
-    if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-        ask("Save a picture", PICTURES, "picture.png", partial(save, exporter.save_picture))
-    ui.heading("movie")
-    with ui.disabled(exporter.running):
-        _draw_movie(ui, session, exporter)
-    tip = "The flow between two times (.mp4 or .gif). Every frame is computed exactly."
-    if ui.button("Save movie...", tip):
-        ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
-    ui.heading("data")
-
-
-def draw_result(context: Context) -> None:
-    _draw_save(context, _MATCH)
-    if context.session.document.labels is not None:
-        _draw_labels(context)
-
-
-def draw_registration(context: Context) -> None:
-    _draw_save(context, _REGISTRATION)
-    context.ui.same_line_if_fits("Save result...", is_button=True)
-    draw_result(context)
-
-
-def draw_sequence(context: Context) -> None:
+    """Draw a button for each format, which opens the dialog, and the progress of exports."""
     ui = context.ui
-    _draw_save(context, _SEQUENCE)
-    for name, table in abfm.sequences.SequenceTask.tables.items():
-
-        def save(path: Path, name: str = name) -> None:
-            if (found := context.session.document.result) is not None:
-                context.exporter.save_table(path, found, name)
-
-        label, is_there = f"Save {name}...", context.session.document.result is not None
-        ui.same_line_if_fits(label, is_button=True)
-        if ui.button(label, _tip(context, f"{capital(table.help)} (.csv)."), enabled=is_there):
-            context.dialogs.save(f"Save the {name}", TABLES, f"{name}.csv", save)
-
-
-def _tip(context: Context, text: str) -> str:
-    is_there = context.session.document.result is not None
-    return text if is_there else f"{text} Available after a match."
-
-
-def _draw_save(context: Context, saved: _Saved) -> None:
-    session = context.session
-
-    def save(path: Path) -> None:
-        document = session.document
-        if (found := getattr(document, saved.attribute)) is not None:
-            on_saved = partial(session.saves.record_export, document)
-            context.exporter.save_result(path, found, on_saved)
-
-    found, tip = getattr(session.document, saved.attribute), _tip(context, saved.tip)
-    if context.ui.button(f"Save {saved.what}...", tip, enabled=found is not None):
-        endings = saved.endings or outputs.suffixes(abfm.loading.task_of(found))
-        context.dialogs.save(f"Save the {saved.what}", endings, saved.name, save)
-
-
-def _draw_labels(context: Context) -> None:
-    session = context.session
-
-    def save(path: Path) -> None:
-        labels, found = session.document.labels, session.document.complete_result
-        if labels is not None and found is not None:
-            context.exporter.save_labels(path, labels, found)
-
-    is_there = session.document.result is not None
-    if context.ui.button(
-        "Save transferred labels...", _tip(context, _LABELS_TIP), enabled=is_there
-    ):
-        context.dialogs.save("Save transferred labels", LABELS, "transferred.label.gii", save)
+    for name, one in formats(context).items():
+        tip = one.tip if one.is_ready else f"{one.tip} Available after a match."
+        if ui.button(f"{name}...", tip, enabled=one.is_ready, width=-1):
+            open_dialog(context, name)
+    draw_state(context)
 
 
 def draw_state(context: Context) -> None:
-    """Draw the progress of exports, at the end of the tab so that other widgets do not move."""
+    """Draw the progress or the outcome of exports; no widgets may be below, as they would move."""
     ui, session, exporter = context.ui, context.session, context.exporter
     if exporter.running:
         draw_step(ui, exporter.step)
@@ -164,48 +198,3 @@ def draw_state(context: Context) -> None:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
     if session.solver.running:
         ui.note("Files contain the latest result, not the current run.")
-
-
-def _draw_size(ui: Ui, exporter: Exporter) -> None:
-    picture = exporter.picture
-    sizes = {"window": exporter.window_size, **_SIZES}
-    names = {size: name for name, size in sizes.items()}
-    now = names.get((picture.width, picture.height), _CUSTOM_SIZE)
-    choices = [*sizes, _CUSTOM_SIZE] if now == _CUSTOM_SIZE else list(sizes)
-    chosen = ui.combo("size", now, choices, "Size of pictures and movies.")
-    width, height = (picture.width, picture.height) if chosen == now else sizes[chosen]
-    tip = "Width in pixels, 320 to 8192."
-    width = round(ui.bounded("pixels across", width, _WIDTH_RANGE, tip, (320, 8192)))
-    tip = "Height in pixels, 240 to 8192."
-    height = round(ui.bounded("pixels down", height, _HEIGHT_RANGE, tip, (240, 8192)))
-    tip = "Transparent background, for slides and papers."
-    transparent = ui.checkbox("transparent", picture.transparent, tip)
-    ui.same_line_if_fits("color bar")
-    tip = "Include a colour bar in pictures and movies."
-    bar = ui.checkbox("color bar", picture.color_bar, tip)
-    exporter.picture = replace(
-        picture, width=width, height=height, transparent=transparent, color_bar=bar
-    )
-
-
-def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
-    movie, document = exporter.movie, session.document
-    first, last = document.start, document.end
-    duration = document.last_target_time - first
-
-    def bounded_time(label: str, share: float, tip: str) -> float:
-        shown = min(first + share * duration, last)
-        new = ui.bounded(label, shown, Range(first, last), tip, (first, last))
-        return share if new == shown else (new - first) / duration
-
-    tip = "Length of the movie in seconds."
-    seconds = ui.bounded("seconds", movie.seconds, Range(0.5, 20), tip, (0.1, 600.0))
-    tip = "Frames per second: at most 120, in a GIF 50."
-    fps = ui.bounded("fps", movie.fps, Range(5, 60, is_integer=True), tip, (1.0, 120.0))
-    start = bounded_time("from", movie.start, "First time of the movie.")
-    beyond = " Beyond τ the flow is extrapolated." if document.extrapolates else ""
-    tip = f"Last time of the movie.{beyond}"
-    end = bounded_time("to", movie.end, tip)
-    tip, unlimited = "Rotation of the surfaces during the movie, in degrees.", (-math.inf, math.inf)
-    turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, unlimited)
-    exporter.movie = replace(movie, seconds=seconds, fps=fps, start=start, end=end, turntable=turn)

@@ -44,7 +44,6 @@ class Panels(NamedTuple):
 def _tabs(
     functions: Draws,
     match: Draws,
-    data: Draw,
     links: Draws | None = None,
     tracks: Draws | None = None,
 ) -> Tabs:
@@ -61,23 +60,21 @@ def _tabs(
         "Functions": dict(functions),
         "Match": dict(match),
         "Look": shown,
-        "Export": {"export": export.draw, "data": data, "state": export.draw_state},
+        "Export": {"export": export.draw},
     }
 
 
 _DRAFT: Draws = {"landmarks": landmarks.draw, "functions": functions.draw}
 _MATCH: Draws = {"parameters": parameters.draw, "energy": energy.draw}
-TABS = _tabs({"mesh": functions.draw_mesh, **_DRAFT}, _MATCH, export.draw_result)
+TABS = _tabs({"mesh": functions.draw_mesh, **_DRAFT}, _MATCH)
 _PAIR_TABS = _tabs(
     {"mesh": functions.draw_meshes, **_DRAFT, "initial map": initial_map.draw_notes},
     _MATCH,
-    export.draw_registration,
     links={"links": look.draw_links},
 )
 _SEQUENCE_TABS = _tabs(
     {"frames": frames.draw_frames, "two frames": frames.draw_pair},
     {"settings": frames.draw_settings, "intervals": intervals.draw},
-    export.draw_sequence,
     tracks={"tracks": look.draw_tracks},
 )
 PANELS: dict[type[Document], Panels] = {

@@ -5,7 +5,7 @@ All values are computed in the caller's thread. A process can draw either window
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from abfm_viewer.document.document import Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, draw_parts, rendered
 from abfm_viewer.scene.annotations import TICK, Pen, annotation_parts, bars_height, name_height
 from abfm_viewer.scene.scene import Scene
+from abfm_viewer.session.saving.export_settings import Background
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
@@ -30,7 +31,7 @@ _WINDOW_TEXT_PIXELS = 16.0  # at a scale of 1
 
 @dataclass(frozen=True)
 class PictureOptions:
-    transparent: bool = False  # without a background
+    background: Background = "theme"
     color_bar: bool = True  # unless the view of the document hides it
     labels: bool = True  # names of the surfaces
     # surfaces are small enough to turn in their slots; only the direction of the view is used
@@ -59,6 +60,8 @@ class DocumentRenderer:
             raise ParameterError(
                 f"size is {size[0]}x{size[1]}; expected 16 to {SIDE_MAX} pixels along each side"
             )
+        if options.background == "white":
+            document = replace(document, view=replace(document.view, theme="light"))
         self._document, self._known, self._size, self._options = document, known, size, options
         self._rect: Rect = (0.0, 0.0, float(size[0]), float(size[1]))
         self._color_bar = options.color_bar and document.view.color_bar
@@ -98,8 +101,8 @@ class DocumentRenderer:
 
         ``phase``, from 0 to 1, is the position of moving streaks in their cycle.
 
-        The picture is RGB, or RGBA if transparent. Raises `AbfmError` if the time is outside the
-        time bar, or the flow cannot be computed to this time.
+        The picture is RGB, or RGBA on a transparent background. Raises `AbfmError` if the time is
+        outside the time bar, or the flow cannot be computed to this time.
         """
         self._go_to(time)
         self._session.player.phase = phase
@@ -107,7 +110,11 @@ class DocumentRenderer:
         if problem := self._shown.flow.problem or self._shown.quantities.error:
             raise AbfmError(f"the picture of time {time:g} cannot be drawn: {problem}")
         self._scene.turn(degrees)
-        picture = Image.fromarray(rendered(self._options.transparent))
+        background = self._options.background
+        picture = Image.fromarray(rendered(transparent=background != "theme"))
+        if background == "white":
+            white = Image.new("RGBA", picture.size, "white")
+            picture = Image.alpha_composite(white, picture).convert("RGB")
         parts = annotation_parts(
             self._scene, self._rect, self._pen, self._color_bar, self._options.labels
         )

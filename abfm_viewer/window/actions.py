@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm.pages.front import Front, triple
-from abfm_viewer.document.document import Document, Viewpoint
+from abfm import TriangleMesh
+from abfm.display import BEST_VIEW, VIEWS, ViewName, ViewSpec
+from abfm.pages.front import Front, front_of
+from abfm_viewer.document.document import SIDES, Document, Viewpoint
 from abfm_viewer.document.keyboard import AXES, COMMAND, KEYS, hint
 from abfm_viewer.files.contents import PROJECT, RESULT
 from abfm_viewer.files.names import suggested_name
-from abfm_viewer.panels import result_table
+from abfm_viewer.panels import export, result_table
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
@@ -79,11 +81,14 @@ def _parts(chord: str) -> tuple[imgui.ImGuiKey, bool, bool]:
     return key, "Ctrl" in modifiers, "Shift" in modifiers
 
 
-def axis_front(axis: str) -> Front:
-    """Return the front seen along an axis; y points up, or z if the axis itself is y."""
-    direction = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
-    up = np.eye(3)[1] if axis[-1] != "y" else -direction[1] * np.eye(3)[2]
-    return Front(triple(direction), triple(up))
+def views_by_axis(mesh: TriangleMesh) -> dict[str, tuple[ViewName, Front]]:
+    """Return the name and the front of the view of a mesh from each axis, "x" to "-z"."""
+    found = {}
+    for name in VIEWS[1:]:
+        front = front_of(mesh, view=ViewSpec(name))
+        number = int(np.argmax(np.abs(front.direction)))
+        found[f"{'-' * (front.direction[number] < 0)}{'xyz'[number]}"] = name, front
+    return found
 
 
 def unsaved_work(session: Session) -> str:
@@ -128,6 +133,7 @@ class Actions:
         self.save = files("save the project", "save", self._save)
         text = "save the project under another name"
         self.save_as = files(text, "save as", self._choose_file)
+        self.export = files("export", "export", lambda: export.open_dialog(context))
         self.quit = files("quit", "quit", self._quit)
         changes = partial(Action, "Changes", repeats=True)
         self.undo = changes("undo", "undo", session.undo)
@@ -164,8 +170,9 @@ class Actions:
             "this list of shortcuts", "shortcuts", lambda: show("Shortcuts", self.listed())
         )
         self.search = views("search all actions", "search", search, while_typing=True)
-        do = partial(set_view, "look from the front", viewpoint=None)
-        self.reset = views("look from the front again", "reset camera", do)
+        do = partial(set_view, "reset the camera", viewpoint=None)
+        self.reset = views("reset the camera", "reset camera", do)
+        self.best_view = views("best view of the functions", "best view", self._show_best_view)
         self.axes = {
             axis: views(f"look from {axis}", f"look from {axis}", partial(self._look_from, axis))
             for axis in AXES
@@ -340,9 +347,25 @@ class Actions:
         self._session.set_appearance(theme=other)
 
     def _look_from(self, axis: str) -> None:
-        front, viewpoint = axis_front(axis), self._session.view.viewpoint
+        self._show(f"look from {axis}", views_by_axis(self._session.surface().mesh)[axis][1])
+
+    def sides(self) -> dict[str, Action]:
+        """Return the actions that show named sides of the surface, such as its front."""
+        named = {
+            name: axis for axis, (name, _) in views_by_axis(self._session.surface().mesh).items()
+        }
+        return {name: self.axes[named[name]] for name in VIEWS[1:]}
+
+    def _show_best_view(self) -> None:
+        session, last = self._session, self._session.surface()
+        functions = [session.values(side) for side in SIDES if session.surface(side) is last]
+        known = [values for values in functions if values is not None]
+        self._show("show the best view", session.document.front(BEST_VIEW, *known))
+
+    def _show(self, what: str, front: Front) -> None:
+        viewpoint = self._session.view.viewpoint
         turned = replace(viewpoint, front=front) if viewpoint else Viewpoint(front)
-        self._session.editor.set_view(f"look from {axis}", viewpoint=turned)
+        self._session.editor.set_view(what, viewpoint=turned)
 
     def hide_or_show(self, name: str) -> None:
         """Hide a surface, unless it is the last one, or show it again."""

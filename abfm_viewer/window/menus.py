@@ -13,8 +13,9 @@ from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import APPEARANCE, LAYOUTS, THEMES
 from abfm_viewer.document.keyboard import hint
 from abfm_viewer.files.contents import is_named_as_frames
-from abfm_viewer.panels import landmarks
+from abfm_viewer.panels import export, landmarks
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.export_formats import PAGE
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
 from abfm_viewer.widgets.toolkit import Ui
@@ -99,9 +100,9 @@ def _file(ui: Ui, actions: Actions) -> None:
         list_copies()
     _native_dialogs(ui, actions.context)
     imgui.Separator()
-    for label in ("Export picture...", "Export movie...", "Export data..."):
-        if menu_item(ui, label):
-            ui.open_tab = "Export"
+    _items(ui, {"Export...": actions.export})
+    if menu_item(ui, "Page for a browser..."):
+        export.open_dialog(actions.context, PAGE)
     imgui.Separator()
     _items(ui, {"Quit": actions.quit})
 
@@ -209,7 +210,7 @@ def _view(ui: Ui, actions: Actions) -> None:
         if is_open:
             _surfaces(ui, actions)
     with menu(ui, "Look from") as is_open:
-        _items(ui, actions.axes if is_open else {})
+        _items(ui, {"Best view": actions.best_view, **actions.sides()} if is_open else {})
     _items(ui, {"Reset camera": actions.reset})
 
 

@@ -26,7 +26,7 @@ from tests.shapes import ellipsoid
 _FRAMES_MAX, _LINE_MAX, _THREADS_MAX = 3000, 1000, 20
 _BUG = re.compile(r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup)Error: ")
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
-_UNUSED = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
+_UNUSED = ("Samples", "Movie...", "Picture...", "iterations", "UI scale", "Quit")
 _CLICKED = ("button", "checkbox", "combo", "tab", "section", "menu", "item", "choice")
 _SOLVER = ("Match", "Pause", "Resume", "Cancel")
 _OUTPUTS = ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
@@ -162,8 +162,10 @@ class Monkey(ExitStack):
 
     def _export(self, chance):
         name = chance.choice(_OUTPUTS)
-        self.gui.click("Save result...")
+        self.gui.click("Match data...")
+        self.gui.click("Save as...")
         self.gui.type("file name", str(self.folder / name))
+        self.gui.click("Close", within="Export to a file")
         return name
 
     def _note_errors(self):

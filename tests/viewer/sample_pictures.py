@@ -41,7 +41,7 @@ def draw_all() -> None:
     sheet = Image.new("RGBA", (COLUMNS * SIDE, rows * SIDE))
     for number, (document, known) in enumerate(documents.values()):
         plain = replace(document, view=_VIEW, time=0.0, lines=(), points=())
-        options = PictureOptions(labels=False, color_bar=False, transparent=True)
+        options = PictureOptions(labels=False, color_bar=False, background="transparent")
         with DocumentRenderer(
             plain, known, (_SUPERSAMPLING * SIDE, _SUPERSAMPLING * SIDE), options
         ) as pictures:

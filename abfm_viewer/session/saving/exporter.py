@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import outputs
 from abfm_viewer.files.contents import RESULT
 from abfm_viewer.files.project import save_project
+from abfm_viewer.session.saving.export_settings import ExportSettings
 
 Known = Callable[[], dict[str, FloatArray]]
 PICTURES = (".png",)
@@ -42,28 +43,6 @@ MOVIES = tuple(outputs.FPS_MAX)
 TABLES = (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes of the files to which pictures, movies, tables and labels can be exported."""
-
-
-@dataclass(frozen=True)
-class PictureSettings:
-    width: int = 1920
-    height: int = 1080
-    transparent: bool = False
-    color_bar: bool = True
-
-    def options(self) -> list[str]:
-        """Return the settings as command-line options of `abfm render`, except for transparency."""
-        size = f"--size={self.width}x{self.height}"
-        return [size] if self.color_bar else [size, "--no-color-bar"]
-
-
-@dataclass(frozen=True)
-class MovieSettings:
-    seconds: float = 4.0
-    fps: float = 30.0
-    start: float = 0.0  # times of start and end, in units of tau
-    end: float = 1.0
-    turntable: float = 0.0  # rotation of the surfaces, in degrees
 
 
 class _Export(NamedTuple):
@@ -87,8 +66,7 @@ class Exporter:
         self.subject: object = None  # identity of the document to export
         self.message_subject: object = None  # identity of the document of the message
         self.failed = False  # whether the last export failed
-        self.picture = PictureSettings()
-        self.movie = MovieSettings()
+        self.settings = ExportSettings()
         self._process: subprocess.Popen[str] | None = None
         self._work: Future[None] | None = None
         self._cancelled = False
@@ -108,19 +86,11 @@ class Exporter:
         return Step(task, done=self.progress or None, began=self._began)
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
-        options = [*self.picture.options(), *["--transparent"] * self.picture.transparent]
+        options = self.settings.picture_options()
         self._start(path, PICTURES, partial(self._render, path, document, known, options))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        movie, start = self.movie, document.start
-        duration = document.last_target_time - start
-        # a sequence ends at its last frame
-        begin, end = (
-            min(start + share * duration, document.end) for share in (movie.start, movie.end)
-        )
-        times = [f"--from={begin}", f"--to={end}"]
-        rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
-        options = [*self.picture.options(), *rate, *times, f"--turntable={movie.turntable}"]
+        options = self.settings.movie_options(document)
         self._start(path, MOVIES, partial(self._render, path, document, known, options))
 
     def save_result(self, path: Path, found: Any, on_saved: Callable[[], object]) -> None:
@@ -212,9 +182,10 @@ class Exporter:
 
     def _render(self, path: Path, document: Document, known: Known, options: list[str]) -> None:
         """Draw a document by `abfm render` in a subprocess, and write the complete file."""
-        if self.movie.fps > (fastest := outputs.FPS_MAX.get(path.suffix, math.inf)):
+        fps, fastest = self.settings.fps, outputs.FPS_MAX.get(path.suffix, math.inf)
+        if fps > fastest:
             raise AbfmError(
-                f"fps is {self.movie.fps:g}; expected at most {fastest:g} for a {path.suffix} file"
+                f"fps is {fps:g}; expected at most {fastest:g} for a {path.suffix} file"
             )
         with temporary_folder() as folder:
             project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"

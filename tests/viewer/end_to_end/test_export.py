@@ -6,76 +6,105 @@ import pytest
 from PIL import Image
 
 import abfm
+from abfm_viewer.panels.export import TITLE
+from abfm_viewer.session.saving.export_settings import SHOWN_VIEWS, ExportSettings
 
 WINDOW = (640, 600)  # high enough for a tab below a verdict with a warning
 
 
-def exported(gui, button, path):
-    """Press a button, name the file, and wait until it is written."""
-    gui.click(button)
+def exported(gui, name, path):
+    """Press the button of a format, choose a file, and wait until it is written."""
+    gui.click(f"{name}...")
+    gui.click("Save as...")
     gui.type("file name", path.name, enter=False)
     gui.click("Save")
     gui.wait(lambda _: path.exists() and not gui.window.exporter.running, 60)
     assert not gui.window.exporter.failed, gui.window.exporter.message
+    gui.click("Close", within=TITLE)
 
 
 def test_tour_of_export(matched, tmp_path):
-    """All settings of the tab are used for small pictures, short movies and data."""
-    set_sizes_and_save_results(matched, tmp_path)
+    """All settings of the dialog are used for small pictures, short movies and data."""
+    set_size_and_save_results(matched, tmp_path)
     save_movies(matched, tmp_path)
     save_pictures(matched, tmp_path)
 
 
-def set_sizes_and_save_results(matched, tmp_path):
+def set_size_and_save_results(matched, tmp_path):
     exporter, (left, top, right, bottom) = matched.window.exporter, matched.window.parts.scene
 
     def size():
-        return exporter.picture.width, exporter.picture.height
+        return exporter.settings.width, exporter.settings.height
 
+    matched.click("Picture...")
     sizes = {"4K": (3840, 2160), "8K": (7680, 4320), "HD": (1280, 720), "full HD": (1920, 1080)}
     for name, expected in (sizes | {"window": (round(right - left), round(bottom - top))}).items():
         matched.choose("size", name)
         assert size() == expected
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
-    assert exporter.picture.width == pytest.approx(2000, abs=120)
+    assert exporter.settings.width == pytest.approx(2000, abs=120)
     matched.type("pixels across", "320")
     matched.type("pixels down", "240")
     assert size() == (320, 240)
+    matched.drag("dpi", 200)
+    matched.type("dpi", "160")
+    assert exporter.settings.picture_text == "320 x 240 pixels, printed 5.1 x 3.8 cm at 160 dpi"
+    for view in SHOWN_VIEWS:
+        matched.choose("view", view)
+    matched.choose("view", "best")
+    matched.click("Movie", within=TITLE)
     values = {"seconds": (10, 0.5), "fps": (40, 10), "from": (0.5, 0.25), "to": (1.5, 2)}
-    for label, (dragged, typed) in (values | {"turntable": (90, -180)}).items():
+    for label, (dragged, typed) in (values | {"turntable": (1, -0.5)}).items():
         matched.drag(label, dragged)
         matched.type(label, f"{typed:g}")
-    movie = exporter.movie
-    assert (movie.seconds, movie.fps) == (0.5, 10)
-    assert (movie.start, movie.end, movie.turntable) == (0.25, 2, -180)
+    settings = exporter.settings
+    assert (settings.seconds, settings.fps, settings.frames) == (0.5, 10, 5)
+    assert (settings.start, settings.end, settings.turns) == (0.25, 2, -0.5)
+    matched.click("Close", within=TITLE)
     for suffix in (".npz", ".ply", ".vtu", ".csv"):
-        exported(matched, "Save result...", tmp_path / f"match{suffix}")
+        exported(matched, "Match data", tmp_path / f"match{suffix}")
+    assert ExportSettings.of(matched.window.preferences.get("export")) == exporter.settings
     again = abfm.load(tmp_path / "match.npz")
     np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
     with (tmp_path / "match.csv").open() as table:
         assert len(list(csv.reader(table))) == 1 + len(again.energy_history)
     for suffix in (".ply", ".vtu"):
         assert (tmp_path / f"match{suffix}").stat().st_size > 10_000
+    exported(matched, "Page for a browser", tmp_path / "match.html")
+    exported(matched, "Table: path", tmp_path / "path.csv")
 
 
 def save_pictures(small, tmp_path):
-    """Save pictures with and without background, and cancel a movie."""
-    exported(small, "Save picture...", tmp_path / "plain.png")
+    """Save pictures with each background, and cancel a movie."""
+    small.session.set_appearance(theme="dark")
+    exported(small, "Picture", tmp_path / "plain.png")
     plain = Image.open(tmp_path / "plain.png")
     assert plain.size == (320, 240)
-    assert np.asarray(plain.convert("RGB"), dtype=float).std() > 5
-    small.check("transparent")
+    assert plain.info["dpi"] == pytest.approx((160, 160), abs=0.1)
+    assert np.asarray(plain)[0, 0].max() < 100
+    small.click("Picture...")
     small.check("color bar", False)
-    exported(small, "Save picture...", tmp_path / "bare.png")
+    small.click("white")
+    small.click("Close", within=TITLE)
+    exported(small, "Picture", tmp_path / "white.png")
+    white = np.asarray(Image.open(tmp_path / "white.png"))
+    assert white.shape == (240, 320, 3)
+    assert (white[0, 0] == 255).all()
+    small.click("Picture...")
+    small.click("theme")
+    small.click("transparent")
+    small.click("Close", within=TITLE)
+    exported(small, "Picture", tmp_path / "bare.png")
     alpha = np.asarray(Image.open(tmp_path / "bare.png").convert("RGBA"))[:, :, 3]
     assert alpha.min() == 0
     assert alpha.max() == 255
+    small.click("Movie...")
     small.type("seconds", "20")
-    small.click("Save movie...")
+    small.click("Save as...")
     small.type("file name", "long.mp4")
     small.wait(lambda _: small.window.exporter.running)
-    small.click("Cancel export")
+    small.click("Cancel export", within=TITLE)
     small.wait(lambda _: not small.window.exporter.running)
     assert not (tmp_path / "long.mp4").exists()
 
@@ -83,7 +112,10 @@ def save_pictures(small, tmp_path):
 def save_movies(small, tmp_path):
     for suffix in (".gif", ".mp4"):
         movie_path = tmp_path / f"movie_path{suffix}"
-        exported(small, "Save movie...", movie_path)
+        small.click("Movie...")
+        small.choose("file type", suffix)
+        small.click("Close", within=TITLE)
+        exported(small, "Movie", movie_path)
         with av.open(movie_path) as movie:
             frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
         assert len(frames) == 5

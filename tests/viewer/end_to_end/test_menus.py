@@ -8,6 +8,7 @@ from abfm import Parameters, load_mesh
 from abfm.pages import colormaps
 from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import LAYOUTS
+from abfm_viewer.panels.export import TITLE
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_file
 from tests.messages import check_message
@@ -309,10 +310,14 @@ def use_entries_and_shortcuts(gui, monkeypatch):
         assert not gui.window.dialogs.is_open
     search_actions(gui)
     take_the_tour(gui)
-    for entry in ("Export picture...", "Export movie...", "Export data..."):
-        gui.click("Look")
+    for entry, chosen in (
+        ("Export...", "Picture"),
+        ("Page for a browser...", "Page for a browser"),
+    ):
         gui.menu("File", entry)
-        assert gui.text_of("Export", kind="tab") == "open"
+        assert gui.text_of(chosen, within=TITLE, kind="choice") == "chosen"
+        gui.key("escape")
+        assert not gui.window.dialogs.is_open
     actions, called = gui.window.actions, []
     listed = "\n".join(keys for keys, _ in actions.listed())
     for action in actions.all:

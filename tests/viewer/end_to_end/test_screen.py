@@ -72,7 +72,7 @@ def test_widgets_behind_a_dialog_look_disabled(large, tmp_path, theme):
     large.wait(lambda s: s.solver.finished)
     used = {name for name, (_, enabled) in before.items() if enabled}
     labels = {label for _, label, _ in used}
-    assert {"Pause", "Cancel", "Play", "Save picture...", "Functions"} <= labels
+    assert {"Pause", "Cancel", "Play", "Picture...", "Functions"} <= labels
     for name in used & behind.keys():
         assert not behind[name][1]
         assert behind[name][0] < 0.6 * before[name][0], name

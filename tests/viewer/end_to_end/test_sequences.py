@@ -394,15 +394,15 @@ def write_all_files(solved, tmp_path):
     check_message(unsaved_work(session), "wave.npy", "parameters")
     session.undo()
     assert not session.saves.unsaved
-    exported(solved, "Save sequence...", tmp_path / "sequence.npz")
+    exported(solved, "Sequence data", tmp_path / "sequence.npz")
     np.testing.assert_array_equal(abfm.load(tmp_path / "sequence.npz").velocity, found.velocity)
-    exported(solved, "Save tracks...", tmp_path / "tracks.csv")
+    exported(solved, "Table: tracks", tmp_path / "tracks.csv")
     assert (tmp_path / "tracks.csv").read_text().count("spiral") > COUNT
-    exported(solved, "Save intervals...", tmp_path / "intervals.csv")
+    exported(solved, "Table: intervals", tmp_path / "intervals.csv")
     assert len((tmp_path / "intervals.csv").read_text().splitlines()) == COUNT
-    exporter.picture = replace(exporter.picture, width=320, height=240)
-    exporter.movie = replace(exporter.movie, seconds=0.2, fps=10)
-    exported(solved, "Save movie...", tmp_path / "sequence.mp4")
+    small = {"width": 320, "height": 240, "seconds": 0.2, "fps": 10}
+    exporter.settings = replace(exporter.settings, **small)
+    exported(solved, "Movie", tmp_path / "sequence.mp4")
 
 
 def test_files_of_sequences_open(opened, tmp_path):

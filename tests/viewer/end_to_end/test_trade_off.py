@@ -16,6 +16,7 @@ from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.scene.annotations import _titles
 from abfm_viewer.shown.flow_state import FlowState
 from tests.messages import check_message
+from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import stepped
 
 WINDOW = (1000, 700)  # high enough for the complete curve
@@ -117,10 +118,12 @@ def report_save_and_export(walked, tmp_path, monkeypatch):
     check_message(areas, "1.1", "0.1")
     check_message(shapes, "1.1", "0.2")
     check_message(folded, "0%")
-    for button, name in (("Export CSV...", "path.csv"), ("Save result...", "match.npz")):
-        walked.click(button)
-        walked.type("file name", name)
-        walked.wait(lambda _, path=tmp_path / name: path.exists())
+    walked.click("Export CSV...")
+    walked.type("file name", "path.csv")
+    walked.wait(lambda _: (tmp_path / "path.csv").exists())
+    walked.click("Export", within=STEPS)
+    exported(walked, "Match data", tmp_path / "match.npz")
+    walked.click("Match", within=STEPS)
     header, *rows = csv.reader((tmp_path / "path.csv").read_text().splitlines())
     assert (tuple(header), len(rows)) == (COLUMNS, 3)
     assert abfm.load(tmp_path / "match.npz").step == 0

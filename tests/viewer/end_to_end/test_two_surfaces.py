@@ -17,6 +17,7 @@ from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
+from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import SHORT, SIZE, match
 
 NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
@@ -192,15 +193,12 @@ def save_and_open(gui, tmp_path):
     gui.type("file name", "pair")
     gui.wait(lambda s: not s.saves.unsaved)
     gui.click("Export")
-    gui.click("Save registration...")
-    gui.type("file name", "pair.npz")
-    gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    exported(gui, "Registration data", tmp_path / "pair.npz")
     gui.click("Match")  # the project does not have this match
     gui.wait(lambda s: s.solver.finished and s.result is not saved.result)
     assert session.saves.has_new_result(session.document)
-    gui.click("Save registration...")
-    gui.type("file name", "again.npz")
-    gui.wait(lambda s: not s.saves.has_new_result(s.document))
+    exported(gui, "Registration data", tmp_path / "again.npz")
+    assert not session.saves.has_new_result(session.document)
     gui.key("ctrl+z")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
@@ -262,9 +260,7 @@ def show_and_transfer_labels(gui, tmp_path):
     # by the nearest vertex, not by the vertex with the largest weight; they may differ near borders
     gui.wait(lambda _: are_shown())
     gui.click("Export")
-    gui.click("Save transferred labels...")
-    gui.type("file name", "carried.label.gii")
-    gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    exported(gui, "Transferred labels", tmp_path / "carried.label.gii")
     found = read_labels(tmp_path / "carried.label.gii")
     assert_array_equal(found.values, session.document.complete_result.transfer_labels(keys, "area"))
     assert found.names == {3: "front", 8: "back"}

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from abfm.flow.continuous_flow import field_on_children
+from abfm.pages.front import front_of
 from abfm.workers.progress import step
 from abfm_viewer.automation import DriverError
 from abfm_viewer.computing import evaluation
@@ -18,7 +19,7 @@ from abfm_viewer.panels import cards
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.window.actions import axis_front
+from abfm_viewer.window.actions import views_by_axis
 from tests.messages import check_message, raises
 from tests.shapes import torus
 from tests.viewer.sessions import begin, match
@@ -78,8 +79,8 @@ def enlarge_one_surface(running):
 
 
 def escape_a_menu_before_the_run(running):
-    for label, kind in (("View", "menu"), ("Samples", "menu"), ("size", "combo")):
-        running.click("Export", within=STEPS)
+    for label, kind in (("View", "menu"), ("Samples", "menu"), ("coloring", "combo")):
+        running.click("Look", within=STEPS)
         running.click(label)
         running.key("escape")
         assert running.text_of(label, kind=kind) != "open"
@@ -144,15 +145,22 @@ def reset_and_look_from_axes(gui):
     assert gui.session.view.viewpoint == again != turned  # undo keeps changes by the mouse
     gui.key("r")
     assert gui.session.view.viewpoint is None
+    for act, words in ((gui.menu, ("View", "Look from", "Best view")), (gui.key, ("b",))):
+        act(*words)
+        functions = [gui.session.values(side) for side in ("source", "target")]
+        best = front_of(gui.session.surface().mesh, *functions)
+        assert gui.session.view.viewpoint.front == best
+        gui.key("ctrl+z")
     gui.input.drag((100, 200), (130, 210))
     turned = gui.session.view.viewpoint
     for axis in AXES:
         sign, name = (-1 if axis.startswith("-") else 1), axis[-1]
         keys = name if sign > 0 else f"shift+{name}"
-        for act, words in ((gui.menu, ("View", "Look from", axis)), (gui.key, (keys,))):
+        side, expected = views_by_axis(gui.session.surface().mesh)[axis]
+        for act, words in ((gui.menu, ("View", "Look from", side)), (gui.key, (keys,))):
             act(*words)
             front = gui.session.view.viewpoint.front
-            assert front == axis_front(axis)
+            assert front == expected
             np.testing.assert_allclose(np.linalg.det(front.axes), 1)
             assert sign * front.direction["xyz".index(name)] == 1
             gui.key("ctrl+z")

@@ -6,6 +6,8 @@ from scipy import ndimage
 
 import abfm
 from abfm import AbfmError, FunctionError, ParameterError
+from abfm.display import ViewSpec
+from abfm.pages.front import front_of
 from abfm_viewer.appearance.theme import LIGHT_PALETTE
 from abfm_viewer.document.document import Channel, Surface, Viewpoint
 from abfm_viewer.document.kinds import MatchDocument
@@ -14,7 +16,6 @@ from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOpti
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.window.actions import axis_front
 from abfm_viewer.window.window import Window
 from tests.messages import raises
 from tests.shapes import ellipsoid
@@ -149,7 +150,7 @@ def test_names_and_color_bars_are_optional(document):
     [("automatic", (480, 160)), ("automatic", (160, 480)), ("row", (300, 300)), ("column", SIZE)],
 )
 def test_all_surfaces_fit_in_any_size(document, layout, size):
-    for viewpoint in (None, Viewpoint(axis_front("x"))):
+    for viewpoint in (None, Viewpoint(front_of(EGG, view=ViewSpec("right")))):
         empty = is_empty(drawn(viewed(document, layout=layout, viewpoint=viewpoint), size))
         assert touches(empty) == []
         assert ndimage.label(ndimage.binary_dilation(~empty))[1] == 3
@@ -195,7 +196,9 @@ def test_turning_surfaces_stay_in_the_picture(document):
             widths.append((~empty.all(axis=0)).sum())
         assert max(widths) > 2 * min(widths)
         assert np.abs(np.asarray(renderer.picture(0.0, 360.0)) - first).max() <= 2
-    seen = drawn(viewed(document, viewpoint=Viewpoint(axis_front("y"))), options=TURNING)
+    seen = drawn(
+        viewed(document, viewpoint=Viewpoint(front_of(EGG, view=ViewSpec("top")))), options=TURNING
+    )
     assert touches(is_empty(seen)) == []
     assert np.abs(seen - drawn(document, options=TURNING)).mean() > 1
 

@@ -1,5 +1,5 @@
 import threading
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -10,7 +10,8 @@ from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files import outputs
-from abfm_viewer.session.saving.exporter import Exporter, MovieSettings, PictureSettings
+from abfm_viewer.session.saving.export_settings import ExportSettings
+from abfm_viewer.session.saving.exporter import Exporter
 from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import until
@@ -37,8 +38,7 @@ def exporter(tmp_path, monkeypatch):
     reports = []
     exporter = Exporter(lambda *words: reports.append(words))
     exporter.reports = reports
-    exporter.picture = PictureSettings(320, 240)
-    exporter.movie = MovieSettings(seconds=0.5, fps=10)
+    exporter.settings = ExportSettings(320, 240, seconds=0.5, fps=10)
     yield exporter
     exporter.close()
     assert list(temporary.iterdir()) == []
@@ -54,7 +54,7 @@ def out(tmp_path):
 def test_cancelled_movie_reports_progress_and_leaves_older_file(exporter, document, out):
     path = out / "a.gif"
     path.write_text("older")
-    exporter.movie = replace(exporter.movie, seconds=600)
+    exporter.settings = replace(exporter.settings, seconds=600)
     exporter.save_movie(path, document, dict)
     assert exporter.step.task == "writing a.gif"
     assert exporter.step.seconds_remaining() is None
@@ -84,7 +84,7 @@ def test_errors_of_exports_are_reported(exporter, document, out, monkeypatch):
         exporter.wait()
         assert exporter.failed
         check_message(exporter.message, *named)
-    exporter.movie = replace(exporter.movie, fps=60)
+    exporter.settings = replace(exporter.settings, fps=60)
     exporter.save_movie(out / "a.gif", document, dict)
     exporter.wait()
     text, failed = exporter.reports[-1]
@@ -137,3 +137,21 @@ def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatc
     exporter.wait()
     assert exporter.reports[3:] == [("export cancelled", False)]
     assert len(written) == 3
+
+
+def test_stored_settings_are_checked():
+    """Invalid, unknown and missing settings have their defaults."""
+    settings = ExportSettings(640, 480, 150, "white", "left", turns=-0.5, movie_suffix=".gif")
+    assert ExportSettings.of(asdict(settings)) == settings
+    wrong = {"width": 1, "dpi": "many", "background": "red", "view": "inside", "other": 1}
+    assert ExportSettings.of(wrong | {"seconds": 2.5}) == ExportSettings(seconds=2.5)
+
+
+def test_settings_become_options_of_render(document):
+    """Times of a movie are in units of tau, turns in turns, and movies are not transparent."""
+    document = replace(document, parameters=abfm.Parameters(tau=3))
+    settings = ExportSettings(background="transparent", view="best", start=0.5, end=1.5, turns=0.25)
+    assert "--background=transparent" in settings.picture_options()
+    options = settings.movie_options(document)
+    expected = {"--from=1.5", "--to=4.5", "--turntable=90.0", "--view=best", "--background=theme"}
+    assert expected <= set(options)

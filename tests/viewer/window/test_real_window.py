@@ -144,17 +144,18 @@ def test_real_window_saves_a_movie(tmp_path):
     with opened(asset_path("eight.off"), tmp_path) as window:
         window.click("Skip tour")  # which begins at the first launch
         window.click("Match", "button")  # the button, not the tab
-        for label in ("File", "Export movie..."):
-            window.click(label)
-        window.find("Save result...", seconds=120)  # enabled when there is a result
+        window.click("Export", "tab")
+        window.find("Match data...", seconds=120)  # enabled when there is a result
+        window.click("Movie...")
         numbers = {"pixels across": 480, "pixels down": 320, "seconds": 0.1}
         for label, number in numbers.items():
-            window.type(label, str(number), within="Export")
-        window.click("Save movie...")
+            window.type(label, str(number), within="Export to a file")
+        window.click("Save as...")
         window.type("folder", str(tmp_path))
         window.type("file name", movie_path.name, enter=False)
         window.click("Save")
         window.until(movie_path.exists, "saves no movie", 120)
+        window.click("Close")
         window.key("ctrl", "q")
         window.click("Don't save")
         window.app.wait(30)
