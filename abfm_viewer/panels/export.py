@@ -14,9 +14,9 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.export_formats import MOVIE, PICTURE, Format, formats
 from abfm_viewer.panels.solver import draw_step
 from abfm_viewer.session.saving.export_settings import (
-    BACKGROUNDS,
     MOVIE_SUFFIXES,
     SHOWN_VIEWS,
+    Background,
     ExportSettings,
 )
 from abfm_viewer.widgets.containers import dialog, is_popup_open
@@ -29,11 +29,11 @@ _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": 
 _CUSTOM_SIZE = "custom size"
 _WIDTH_RANGE = Range(320, 7680, is_integer=True)
 _HEIGHT_RANGE = Range(240, 4320, is_integer=True)
-_BACKGROUND_TIPS = (
-    "The background of the window, light or dark.",
-    "White, with the light theme, for papers.",
-    "No background, for slides and posters. Movies have the background of the window instead.",
-)
+_BACKGROUNDS: dict[Background, str] = {
+    "theme": "The background of the window, light or dark.",
+    "white": "White, with the light theme, for papers.",
+    "transparent": "No background, for slides. Movies have that of the window instead.",
+}
 
 
 class ExportDialog:
@@ -43,6 +43,7 @@ class ExportDialog:
     """
 
     def __init__(self, context: Context, name: str) -> None:
+        self.title = TITLE
         self._context, self._name, self._suffix = context, name, ""
         self._has_exported = False
 
@@ -52,7 +53,7 @@ class ExportDialog:
         known = formats(context)
         name = self._name if self._name in known else PICTURE
         has_list = is_popup_open()  # which Escape closes
-        with dialog(ui, TITLE, _WIDTH):
+        with dialog(ui, self.title, _WIDTH):
             tips = [one.tip for one in known.values()]
             self._name = ui.radio([*known], name, tips)
             chosen, problem = known[self._name], ""
@@ -111,8 +112,7 @@ class ExportDialog:
             settings = replace(settings, dpi=round(dpi))
         tip = "Side from which the surfaces are shown, by default that of the window."
         view = ui.combo("view", settings.view, SHOWN_VIEWS, tip)
-        background = ui.radio(BACKGROUNDS, settings.background, _BACKGROUND_TIPS)
-        ui.same_line_if_fits("color bar")
+        background = ui.combo("background", settings.background, _BACKGROUNDS)
         bar = ui.checkbox("color bar", settings.color_bar, "Include the colour bars.")
         exporter.settings = replace(settings, view=view, background=background, color_bar=bar)
         ui.note(settings.movie_text if is_movie else settings.picture_text, "ink")

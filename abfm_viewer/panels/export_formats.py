@@ -16,7 +16,9 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.saving.exporter import LABELS, MOVIES, PICTURES, TABLES, Known
 
-PICTURE, MOVIE, PAGE = "Picture", "Movie", "Page for a browser"
+PICTURE = "Picture"
+MOVIE = "Movie"
+PAGE = "Page for a browser"
 _PAGE_SUFFIX = ".html"
 _RESULT_TIPS = {
     "match": "The match (.npz), mesh, functions and field (.ply, .vtu), or energies (.csv).",

@@ -386,7 +386,7 @@ def test_render_draws_pictures(result, tmp_path, abfm, project):
     assert pixels(tmp_path / "a.png").shape[:2] == (400, 800)
     check_message(abfm(f"{line} 2", result=result, status=2).err, 0, 1)
     line = "render {project} --out {t}/a.png --size 400x300"
-    abfm(f"{line} --transparent", project=project)
+    abfm(f"{line} --background transparent --dpi 150", project=project)
     shown = pixels(tmp_path / "a.png")
     assert shown.shape == (300, 400, 4)
     assert (shown[..., 3].min(), shown[..., 3].max()) == (0, 255)
@@ -440,7 +440,7 @@ def test_render_draws_streaks(result, tmp_path, abfm):
         ("a.png --time 0.5 --time 2.5", ["--time", "2.5", 0, 2]),
         ("a.png --time nan", ["--time", "nan"]),
         ("a.png --style window --time 0 --time 1", ["--time"]),
-        ("a.png --transparent", ["--transparent", "--style"]),
+        ("a.png --background white", ["--background", "--style"]),
         ("a.png --streaks --style sheet", ["--streaks"]),
         ("a.png --fps 30", ["--fps"]),
         ("a.png --style window --size 9000x9000", [16, 8192]),
@@ -449,7 +449,7 @@ def test_render_draws_streaks(result, tmp_path, abfm):
         ("a.mp4 --from -1", ["--from", -1]),
         ("a.mp4 --time 1", ["--time"]),
         ("a.mp4 --style sheet", ["--style", "sheet"]),
-        ("a.mp4 --transparent", ["--transparent"]),
+        ("a.mp4 --background transparent", ["--background"]),
         ("a.mp4 --seconds 0", ["--seconds"]),
         ("a.gif --fps 60", ["--fps", 60, ".gif", "0.1", 50]),
         ("a.html --time 0.5", ["--time"]),

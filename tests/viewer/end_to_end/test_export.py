@@ -85,15 +85,15 @@ def save_pictures(small, tmp_path):
     assert np.asarray(plain)[0, 0].max() < 100
     small.click("Picture...")
     small.check("color bar", False)
-    small.click("white")
+    small.choose("background", "white")
     small.click("Close", within=TITLE)
     exported(small, "Picture", tmp_path / "white.png")
     white = np.asarray(Image.open(tmp_path / "white.png"))
     assert white.shape == (240, 320, 3)
     assert (white[0, 0] == 255).all()
     small.click("Picture...")
-    small.click("theme")
-    small.click("transparent")
+    small.choose("background", "theme")
+    small.choose("background", "transparent")
     small.click("Close", within=TITLE)
     exported(small, "Picture", tmp_path / "bare.png")
     alpha = np.asarray(Image.open(tmp_path / "bare.png").convert("RGBA"))[:, :, 3]
