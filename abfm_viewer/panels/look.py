@@ -69,15 +69,19 @@ def _switch(context: Context, label: str, name: str, step: str, tip: str) -> Non
 
 
 def draw_coloring(context: Context) -> None:
-    now = context.session.view.coloring
+    ui, set_view = context.ui, context.session.editor.set_view
+    now, is_full = context.session.view.coloring, context.session.view.full_range
+    left, right = ui.halves("color by", "range")
     tip = f"Colours of the advected surface. {_COLORINGS[now]}"
-    chosen = context.ui.combo("color by", now, _COLORINGS, tip)
-    draw_help(context, "colour range", "speed", "area change")
-    context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
-    is_full = context.session.view.full_range
+    chosen = ui.combo("color by", now, _COLORINGS, tip, left)
+    if right:
+        ui.same_line()
+        right -= 2 * ui.help_width
     kind = "full" if is_full else "robust"
-    kind = context.ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}")
-    context.session.editor.set_view("change the range", full_range=kind == "full")
+    kind = ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}", right)
+    draw_help(context, "colour range", "speed", "area change")
+    set_view(f"color by {chosen}", coloring=chosen)
+    set_view("change the range", full_range=kind == "full")
     if chosen == "labels":
         _draw_labels(context, opens=chosen != now)
 
@@ -106,6 +110,12 @@ def draw_field(context: Context) -> None:
     part = ui.combo("part", view.part, FIELD_PARTS, _PART)
     set_view(f"show the {part} field", part=part)
     _switch(context, "arrows", "arrows", "toggle arrows", _ARROWS)
+    obstacle = _streaks_obstacle(context)
+    is_shown = view.arrows or (view.streaks and not obstacle) or view.coloring in FIELD_COLORINGS
+    with ui.disabled(not is_shown, "Tick arrows or streaks first, or color by speed."):
+        ui.same_line_if_fits("fade uncertain motion")
+        _switch(context, "fade uncertain motion", "fade_uncertain", "toggle fading", _UNCERTAIN)
+        draw_help(context, "uncertainty")
     with ui.disabled(not view.arrows, "Tick arrows first."):
         tip = "Largest length as a fraction of sqrt(area). Dense arrows are shorter, so that they "
         tip += "do not overlap."
@@ -117,7 +127,6 @@ def draw_field(context: Context) -> None:
         tip = "Density of arrows on the screen. A surface that is drawn larger has more arrows."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("change the density of arrows", "density", arrow_density=density)
-    obstacle = _streaks_obstacle(context)
     with ui.disabled(obstacle != "", obstacle):
         _switch(context, "streaks", "streaks", "toggle streaks", _STREAKS)
     with ui.disabled(not view.streaks or obstacle != "", obstacle or "Tick streaks first."):
@@ -126,10 +135,6 @@ def draw_field(context: Context) -> None:
         ui.same_line_if_fits("animate")
         tip = "Move the streaks along the field, here and in movies."
         _switch(context, "animate", "animate", "toggle animation", tip)
-    is_shown = view.arrows or (view.streaks and not obstacle) or view.coloring in FIELD_COLORINGS
-    with ui.disabled(not is_shown, "Tick arrows or streaks first, or color by speed."):
-        _switch(context, "fade uncertain motion", "fade_uncertain", "toggle fading", _UNCERTAIN)
-        draw_help(context, "uncertainty")
 
 
 def _streaks_obstacle(context: Context) -> str:

@@ -22,7 +22,7 @@ from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
-from abfm_viewer.scene.scene import FAINT, LANDMARK_RADIUS, NO_VALUE, DrawnLandmark, Scene
+from abfm_viewer.scene.scene import FAINT_TEXT, LANDMARK_RADIUS, NO_VALUE, DrawnLandmark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import COMPUTING_SUFFIX
@@ -54,9 +54,9 @@ _GREY = NO_VALUES ** (1 / 2.2)
 _LEGEND = {
     **CRITICAL_COLORS,
     NO_VALUE: (_GREY, _GREY, _GREY, 1.0),
-    FAINT: (_GREY, _GREY, _GREY, 0.35),
+    FAINT_TEXT: (_GREY, _GREY, _GREY, 0.35),
 }
-_SHORT_TEXTS = {FAINT: "undetermined"}
+_SHORT_TEXTS = {FAINT_TEXT: "undetermined"}
 
 
 @dataclass(frozen=True)

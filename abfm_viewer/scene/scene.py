@@ -38,7 +38,7 @@ _RIM_POINTS = 32
 # cosine between the fronts of A from which a new map turns A, so that small changes do not
 _SAME_SIDE_COSINE = 0.7
 LANDMARK_RADIUS = 9.0  # radius of landmarks, in pixels at a scale of 1
-FAINT = "faint: the data do not determine the motion"
+FAINT_TEXT = "faint: the data do not determine the motion"
 NO_VALUE = "no value"  # text for grey in the legend
 
 
@@ -215,7 +215,7 @@ class Scene:
         view = self._session.view
         is_of_field = view.arrows or view.streaks or view.coloring in FIELD_COLORINGS
         if is_of_field and "advected" in self.shown:
-            kinds = kinds if self._shown.quantities.determined() is None else (*kinds, FAINT)
+            kinds = kinds if self._shown.quantities.determined() is None else (*kinds, FAINT_TEXT)
         paints = [self.paints[name] for name in self.shown if name in self.paints]
         is_missing = any(paint.unknown is not None for paint in paints)
         return (*kinds, NO_VALUE) if is_missing else kinds

@@ -35,7 +35,7 @@ _PHASES = 16  # computed phases of moving streaks; others are blends of these
 _SHOWN_PHASES = 32  # phases of moving streaks that the window distinguishes
 _SHARE_TOLERANCE = 1e-6
 FIELD_COLORINGS: tuple[Coloring, ...] = ("speed", "divergence", "curl")
-_FAINT_MIN = 0.2  # smallest share of the opacity of arrows and of the contrast of streaks
+_OPACITY_MIN = 0.2  # smallest share of the opacity of arrows and of the contrast of streaks
 _SPEED_MAX = 1e30  # largest speed that is shown, because of single precision
 
 
@@ -256,7 +256,7 @@ class FieldQuantities(Jobs):
     def determined(self) -> FloatArray | None:
         """Return the share of the shown field that the data determine, (F,), up to 1.
 
-        Small shares above 0 count as `_FAINT_MIN`, so that faint arrows are visible. The result
+        Small shares above 0 count as `_OPACITY_MIN`, so that faint arrows are visible. The result
         is None if uncertain motion does not fade, or the share is not known.
         """
         view = self._session.view
@@ -267,7 +267,7 @@ class FieldQuantities(Jobs):
             return None
         of_field = shares[row := self._row(flow)]
         return self._determined_row.get(
-            (shares, row), lambda: np.where(of_field > 0, np.maximum(of_field, _FAINT_MIN), 0.0)
+            (shares, row), lambda: np.where(of_field > 0, np.maximum(of_field, _OPACITY_MIN), 0.0)
         )
 
     def _shares(self) -> FloatArray | None:

@@ -6,7 +6,7 @@ import pytest
 from abfm.calculus.operators import face_normals, vertex_areas
 from abfm_viewer.document.document import FIELD_PARTS
 from abfm_viewer.scene import overlays
-from abfm_viewer.scene.scene import FAINT
+from abfm_viewer.scene.scene import FAINT_TEXT
 from tests.viewer.sessions import ENDLESS, begin, cancel
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
@@ -77,10 +77,10 @@ def switch_arrows_streaks_lines_and_points(matched):
     assert session.view.arrow_density == 0.5
     arrows = matched.window.shown.quantities._arrows
     matched.wait(lambda _: arrows.value is not None and arrows.value.opacities.min() < 0.9)
-    assert FAINT in matched.window.scene.legend()
+    assert FAINT_TEXT in matched.window.scene.legend()
     matched.check("fade uncertain motion", False)
     matched.wait(lambda _: arrows.value.opacities.min() == 1)
-    assert FAINT not in matched.window.scene.legend()
+    assert FAINT_TEXT not in matched.window.scene.legend()
     matched.check("fade uncertain motion")
     matched.check("streaks")
     calm(matched)

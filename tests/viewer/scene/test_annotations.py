@@ -21,7 +21,7 @@ from abfm_viewer.scene.annotations import (
     bar_parts,
     bars_height,
 )
-from abfm_viewer.scene.scene import FAINT
+from abfm_viewer.scene.scene import FAINT_TEXT
 from abfm_viewer.shown.paint import Paint
 from tests.viewer.contrast import contrast
 
@@ -227,7 +227,7 @@ def test_arrow_points_beyond_a_clipped_end(clipped, upright):
 
 def test_legend_is_shortened_before_it_is_omitted():
     found = scene(1000, columns=1)
-    found.legend = lambda: (FAINT,)
+    found.legend = lambda: (FAINT_TEXT,)
     found.paints = dict.fromkeys(NAMES, found.paints["source"])
     written = [
         {
@@ -235,7 +235,7 @@ def test_legend_is_shortened_before_it_is_omitted():
             for part in annotations.annotation_parts(found, (0, 0, right, 600), PEN)
             if isinstance(part, Text)
         }
-        & {FAINT, "undetermined"}
+        & {FAINT_TEXT, "undetermined"}
         for right in (1000, 420, 300)
     ]
-    assert written == [{FAINT}, {"undetermined"}, set()]
+    assert written == [{FAINT_TEXT}, {"undetermined"}, set()]
