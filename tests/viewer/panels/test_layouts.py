@@ -222,13 +222,21 @@ def test_widgets_outside_of_scrolling_parts_are_visible(drawn):
 def test_abbreviated_texts_have_a_tooltip(drawn):
     for widget, layout, place in drawn:
         is_cut = widget["shown"] not in ("", widget["label"])
-        assert not is_cut or layout["scale"] > 1, f"{widget['label']!r}: {place}"
+        is_narrow = layout["size"][0] < 1000 * layout["scale"]
+        assert not is_cut or is_narrow, f"{widget['label']!r}: {place}"
         if widget["kind"] in ("button", "tab", "checkbox", "choice", "section"):
             width = widget["rect"][2] - widget["rect"][0]
             assert widget["text_width"] <= width + _ROUNDING, f"{widget['label']!r}: {place}"
             if is_cut:
                 assert widget["shown"].endswith("...")
                 assert widget["tip"].startswith(widget["label"]), place
+
+
+def test_lines_are_complete_in_wide_windows(layouts):
+    for layout in (each for each in layouts if each["size"][0] >= 1000 * each["scale"]):
+        for line in layout["lines"]:
+            width = line["rect"][2] - line["rect"][0]
+            assert width >= line["text_width"] - _ROUNDING, f"{line['text']!r}: {where(layout)}"
 
 
 def test_no_widget_or_text_covers_another(layouts):
