@@ -38,6 +38,7 @@ class _ChannelValues(NamedTuple):
     mask: FloatArray | None
     weights: tuple[float, ...]
     landmarks: tuple[Landmark, ...]
+    map_landmarks: tuple[Landmark, ...]  # those by which the initial map is found
 
 
 class _MapChoice(NamedTuple):
@@ -64,7 +65,8 @@ class InitialMaps:
     """Computes the initial map from A to B of the current document, and the functions of A on B.
 
     While a new map is computed, the latest one of the same two surfaces is used. If the user
-    chooses another method, the computation of the previous one is cancelled.
+    chooses another method, the computation of the previous one is cancelled. While landmarks are
+    placed, the map of the earlier landmarks is used.
     """
 
     def __init__(self, jobs: Jobs, functions: DocumentFunctions, process: Process | None) -> None:
@@ -72,6 +74,9 @@ class InitialMaps:
         self._prepared: Latest[PreparedMap] = jobs.latest()
         self._first: Latest[PreparedMap] = jobs.latest()  # map by `_FIRST_WORD`
         self._control, self._wanted = Control(), object()
+        self._map_landmarks: tuple[Landmark, ...] = ()
+        self._landmarks_of: object = None  # identity of the document with these landmarks
+        self._latest_map: tuple[tuple[object, ...], Initial] | None = None
         self._process = process
         self._maps: Memo[Initial] = Memo()
         self._first_maps: Memo[Initial] = Memo()
@@ -103,6 +108,7 @@ class InitialMaps:
         if present is not None and result is not None and present.is_for(document):
             of_result = present, result.problem
             return self._of_result.get(of_result, lambda: PreparedMap(*of_result))
+        self._choose_landmarks(document)
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
         wanted = (a, b), document.initial
@@ -149,6 +155,17 @@ class InitialMaps:
 
         return self._columns[side].get((prepared, channel, values_of_side), column)
 
+    def _choose_landmarks(self, document: PairDocument) -> None:
+        """Choose the landmarks for the initial map, which stay the same while others are placed."""
+        is_placing = document.view.tool == "landmark" and self._landmarks_of is document.identity
+        needs_more = document.initial.startswith("landmarks") and len(self._map_landmarks) < 3
+        if needs_more or not is_placing:
+            self._map_landmarks, self._landmarks_of = document.pairs, document.identity
+
+    def waits_for_placing(self, document: PairDocument) -> bool:
+        """Return whether the initial map is found anew, by other landmarks, when placing stops."""
+        return self._landmarks_of is document.identity and self._map_landmarks != document.pairs
+
     def _given(self, document: PairDocument) -> _ChannelValues | None:
         known, sides = self._functions.values, []
         for side in SIDES:
@@ -161,7 +178,8 @@ class InitialMaps:
         if document.mask and mask is None:
             return None
         source, target = sides
-        return _ChannelValues(source, target, mask, document.weights, document.pairs)
+        pairs = document.pairs
+        return _ChannelValues(source, target, mask, document.weights, pairs, self._map_landmarks)
 
     def _prepare(
         self,
@@ -197,7 +215,7 @@ class InitialMaps:
         a, b, method = choice
         if not isinstance(method, str):
             return Initial(method.correspondence, warnings=method.warnings)
-        inputs = MapInput(a, b, landmarks=landmark_pairs(a, b, given.landmarks))
+        inputs = MapInput(a, b, landmarks=landmark_pairs(a, b, given.map_landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)
             weights = np.array(given.weights)
@@ -207,14 +225,20 @@ class InitialMaps:
         by_functions = counts and base not in _WITHOUT_FUNCTIONS
         by_landmarks = base not in _WITHOUT_LANDMARKS
         functions = given.source, given.target, given.mask, given.weights
-        used = functions if by_functions else (), given.landmarks if by_landmarks else ()
+        used = functions if by_functions else (), given.map_landmarks if by_landmarks else ()
+        key, latest = (a, b, word, used[1]), self._latest_map
+        if not counts and latest is not None and same(latest[0], key):
+            return latest[1]  # the map by functions also suits landmarks alone
 
         def find() -> Initial:
             if self._process is None:
                 return _find_map(None, word, inputs)
             return self._process.solve(_find_map, word, inputs, tries=2)
 
-        return maps.get((a, b, word, *used), find)
+        found = maps.get((a, b, word, *used), find)
+        if maps is self._maps:
+            self._latest_map = key, found
+        return found
 
 
 def _find_map(_: object, word: str | None, given: MapInput) -> Initial:

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.functions import read_labels
 from abfm.io import write_labels
 from abfm.reading.labels import Labels
+from abfm.registration.correspondence import Candidate
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel
 from abfm_viewer.document.kinds import PairDocument
@@ -130,7 +131,12 @@ def choose_the_initial_map(gui, files, notes):
     gui.wait(lambda s: "ends of limbs" in s.obstacle)
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
-    assert session.work.prepared.initial.correspondence.to_vertices()[1] == 1
+    initial = session.work.prepared.initial.correspondence
+    assert initial.to_vertices()[1] == 1
+    initial.candidates = (Candidate("connectivity", 2.0), Candidate("sphere:mirror", 2.5))
+    gui.frames(2)
+    gui.click("second best map")
+    assert session.document.initial == "sphere:mirror"
     gui.choose("initial map", "spheres from files...")  # and methods that take some time
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -5,10 +7,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm import Parameters
 from abfm.registration import MEASURED_PARAMETERS
-from abfm_viewer.document.document import Channel, Point, Surface
+from abfm_viewer.computing.background import Jobs
+from abfm_viewer.document.document import Channel, Landmark, Point, Surface
 from abfm_viewer.document.kinds import PairDocument
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.initial_maps import InitialMaps
 from abfm_viewer.session.session import Session
 from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
@@ -128,3 +132,20 @@ def test_run_with_an_earlier_map_belongs_to_its_landmarks(pair, held):
     may_end.set()
     ready(pair)
     assert pair.work.problem.initial.is_for(pair.document)
+
+
+def test_initial_map_waits_until_placing_stops():
+    """While landmarks are placed, the map of the earlier landmarks is used."""
+    maps, pair = InitialMaps(Jobs(), None, None), Landmark(Point(0, (1, 0, 0)), Point(0, (1, 0, 0)))
+
+    def choose(pairs, tool="landmark", initial=""):
+        view = SimpleNamespace(tool=tool)
+        document = SimpleNamespace(identity=maps, initial=initial, pairs=pairs, view=view)
+        maps._choose_landmarks(document)
+        return maps.waits_for_placing(document)
+
+    assert not choose((), "nothing")
+    assert choose((pair,))
+    assert not choose((pair,), initial="landmarks")  # it cannot be found by fewer landmarks
+    assert choose(2 * (pair,))
+    assert not choose(2 * (pair,), "nothing")
