@@ -40,6 +40,7 @@ _SIDE_BONUS = np.array([0.001, 0.002, 0.25])
 """Bonus of views from the right, from above and from the front, relative to the best visible area.
 The first two only decide between equivalent directions.
 """
+_FUNCTIONS_BONUS = 0.2  # share of these bonuses if functions are shown
 _MEDIAL_COST = 0.4  # smallest gain in the visible share for which a cortex is seen from inside
 _SHARE_DECIMALS = 6  # differences below are rounding errors
 _NUMBERS_MAX = 50_000_000  # largest number of values of a sequence that are evaluated
@@ -110,7 +111,7 @@ def front_of(
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
     if height < _FLAT_HEIGHT_RATIO * min(width, depth):
         costs[elevation == _FLAT_ELEVATION] = _FLAT_COST
-    costs -= 0.0 if weights else directions @ (_SIDE_BONUS @ axes)
+    costs -= (_FUNCTIONS_BONUS if weights else 1.0) * (directions @ (_SIDE_BONUS @ axes))
     scores = np.min(shares, axis=0) + _AREA_WEIGHT * shares[0] - costs
     best = np.argmax(np.round(scores, _SHARE_DECIMALS))
     return Front(triple(directions[best]), triple(ups[best]))
