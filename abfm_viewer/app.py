@@ -51,8 +51,9 @@ def _run(words: list[str]) -> int:
             raise UsageError("--array selects an array of frames; give a mesh and frames")
         what = (*what, arguments.array)
     options = mesh_options(arguments)
+    open_window = window.open_window  # reports a missing library
     is_known = StateFolder().path.exists()
-    opened = window.open_window(what, "openGL3_glfw", (1280, 800), options=options)
+    opened = open_window(what, "openGL3_glfw", (1280, 800), options=options)
     if not (opened.preferences.get("tour_seen") or (is_known and arguments.file)):
         opened.tour.start()
     opened.run()
