@@ -16,16 +16,13 @@ from abfm_viewer.document.kinds import (
 from abfm_viewer.panels import (
     energy,
     export,
-    frames,
-    functions,
-    initial_map,
     intervals,
-    landmarks,
     look,
     parameters,
     solver,
 )
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.inputs import frames, functions, initial_map, landmarks
 from abfm_viewer.widgets.containers import child, tabs, window
 from abfm_viewer.widgets.widget_record import Rect
 

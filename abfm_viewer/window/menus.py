@@ -13,9 +13,10 @@ from abfm_viewer.dialogs import native_dialog
 from abfm_viewer.document.document import APPEARANCE, LAYOUTS, THEMES
 from abfm_viewer.document.keyboard import hint
 from abfm_viewer.files.contents import is_named_as_frames
-from abfm_viewer.panels import export, landmarks
+from abfm_viewer.panels import export
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.export_formats import PAGE
+from abfm_viewer.panels.inputs import landmarks
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
 from abfm_viewer.widgets.toolkit import Ui

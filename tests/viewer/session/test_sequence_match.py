@@ -15,7 +15,7 @@ from abfm_viewer.computing.run import Process, Run
 from abfm_viewer.document.document import Surface
 from abfm_viewer.document.frame_sequence import FrameSequence, SequenceSettings
 from abfm_viewer.document.kinds import SequenceDocument
-from abfm_viewer.panels.frames import _chosen
+from abfm_viewer.panels.inputs.frames import _chosen
 from abfm_viewer.session import sequence_match
 from abfm_viewer.session.sequence_match import SequenceMatch
 from tests.messages import check_names

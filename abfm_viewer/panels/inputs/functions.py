@@ -15,8 +15,8 @@ from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.document.kinds import MatchDocument
-from abfm_viewer.panels import hints, initial_map, landmarks
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.inputs import hints, initial_map, landmarks
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import reserved

@@ -1,0 +1,1 @@
+"""Panels of the tab Functions: meshes, functions, landmarks, the initial map and frames."""
