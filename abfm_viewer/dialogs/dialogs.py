@@ -149,19 +149,11 @@ class Dialogs:
         on_path: Callable[[Path], None],
         kind: FileKind = "functions",
     ) -> None:
+        folder = self._start_folder(kind)
         if self.uses_native():
-            self._choose(NativeDialog(title, self._start_folder(kind), suffixes), kind, on_path)
+            self._choose(NativeDialog(title, folder, suffixes), kind, on_path)
         else:
-            self._open_own(title, suffixes, on_path, kind)
-
-    def _open_own(
-        self,
-        title: str,
-        suffixes: tuple[str, ...],
-        on_path: Callable[[Path], None],
-        kind: FileKind,
-    ) -> None:
-        self._choose_own(title, FileChoice(self._start_folder(kind), suffixes), kind, on_path)
+            self._choose_own(title, FileChoice(folder, suffixes), kind, on_path)
 
     def save(
         self,
@@ -192,7 +184,7 @@ class Dialogs:
         """
 
         def answered(label: str) -> None:
-            self._close()
+            self.pop()
             if (act := buttons[label]) is not None:
                 act()
 
@@ -200,13 +192,13 @@ class Dialogs:
 
     def show(self, title: str, lines: Sequence[Line], copied: str = "", link: str = "") -> None:
         """Show paragraphs, rows of two columns, or headings (rows with an empty second column)."""
-        self._open.append((Message(title, lines, copied, link), lambda _: self._close()))
+        self._open.append((Message(title, lines, copied, link), lambda _: self.pop()))
 
     def search(self, entries: Sequence[Entry], on_entry: Callable[[Entry], None]) -> None:
         """Let the user search an action, and call ``on_entry`` after the dialog has closed."""
 
         def answered(answer: tuple[Entry | None]) -> None:
-            self._close()
+            self.pop()
             if answer[0] is not None:
                 on_entry(answer[0])
 
@@ -217,13 +209,13 @@ class Dialogs:
             return
         front, answered = self._open[-1]
         if isinstance(front, Question) and (do := front.instead()) is not None:
-            self._close()
+            self.pop()
             do()
             return
         try:
             answer = front.draw(ui)
         except Exception:  # a dialog that cannot be drawn must not block the window
-            self._close()
+            self.pop()
             raise
         if answer:
             answered(answer)
@@ -231,9 +223,6 @@ class Dialogs:
     def push(self, one: OtherDialog, answered: Callable[[Any], None]) -> None:
         """Open another dialog, which stays open until `pop` is called."""
         self._open.append((one, answered))
-
-    def pop(self) -> None:
-        self._close()
 
     def _recent_folders(self, kind: FileKind) -> list[Path]:
         """Return existing folders that were used for a kind of file, the latest first."""
@@ -259,9 +248,10 @@ class Dialogs:
     ) -> None:
         def answered(answer: tuple[Path | None]) -> None:
             if (path := answer[0]) is None:
-                self._close()
+                self.pop()
                 if isinstance(one, NativeDialog) and one.failed:
-                    self._open_own(one.title, one.suffixes, on_path, kind)
+                    choice = FileChoice(one.folder, one.suffixes)
+                    self._choose_own(one.title, choice, kind, on_path)
             elif isinstance(one, FileDialog) and one.choice.saving and path.exists():
                 text = f"{shown(path.name)} exists already. Its contents will be lost."
                 answers = {"Replace": partial(take, path), "Go back": None}
@@ -271,7 +261,7 @@ class Dialogs:
 
         def take(path: Path) -> None:
             self._remember(kind, path.parent)
-            self._close()
+            self.pop()
             on_path(path)
 
         self._open.append((one, answered))
@@ -282,7 +272,8 @@ class Dialogs:
         if self._stored:
             self._stored.change(folders=self._recent)
 
-    def _close(self) -> None:
+    def pop(self) -> None:
+        """Close the newest dialog."""
         closed, _ = self._open.pop()
         if isinstance(closed, FileDialog | NativeDialog):
             closed.close()

@@ -479,15 +479,7 @@ class FileDialog:
                 if ui.button(column, tip, width=ui.text_width(column) + ui.px(32)):
                     self.choice.order_by(column)
             if self.choice.order[0] == column:
-                self._draw_arrow(ui)
-
-    def _draw_arrow(self, ui: Ui) -> None:
-        (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
-        x, y, half = right - ui.px(10), (top + bottom) / 2, ui.px(4)
-        down = half / 2 if self.choice.order[1] else -half / 2
-        corners = ((x - half, y - down), (x + half, y - down), (x, y + down))
-        color = imgui.GetColorU32(ui.colors.muted)
-        imgui.GetWindowDrawList().AddTriangleFilled(*corners, color)
+                ui.sort_arrow(self.choice.order[1])
 
     def _draw_list(self, ui: Ui, columns: Mapping[Column, float]) -> None:
         choice = self.choice

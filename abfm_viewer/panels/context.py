@@ -10,6 +10,7 @@ from abfm_viewer.files.contents import MESHES
 from abfm_viewer.files.preferences import PreferenceFile
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
+from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.saving.export_settings import ExportSettings
 from abfm_viewer.session.saving.exporter import Exporter
 from abfm_viewer.session.session import Session
@@ -36,6 +37,7 @@ class Context:
         self.session, self.shown = session, Shown(session)
         self.preferences = PreferenceFile(state)
         self.ui, self.dialogs = Ui(), Dialogs(self.preferences)
+        self.textures = Textures()
         # lists copies of unsaved work of earlier launches; None if there are none
         self.list_copies: Callable[[], None] | None = None
         self.exporter = Exporter(session.notices.show)

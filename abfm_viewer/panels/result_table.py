@@ -274,19 +274,10 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
         ui.record_item(head, "item", text=text, tip=tip)
         ui.tip(tip)
         if is_sorted:
-            _draw_arrow(ui, tables.falls)
+            ui.sort_arrow(tables.falls)
         if clicked:
             tables.sort(column)
     return width
-
-
-def _draw_arrow(ui: Ui, falls: bool) -> None:
-    (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
-    size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
-    tip, base = (y + size, y - size) if falls else (y - size, y + size)
-    ink = imgui.GetColorU32(ui.colors.accent)
-    corners = (x - size, base), (x + size, base), (x, tip)
-    imgui.GetWindowDrawList().AddTriangleFilled(*corners, ink)
 
 
 Rows = tuple[tuple[ResultRow, ...], FloatArray]

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
-import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
 from abfm_viewer.document.result_table import COLUMNS, ResultRow
 from abfm_viewer.panels.context import Context
-from abfm_viewer.scene.opengl import ps
 from abfm_viewer.widgets.toolkit import Ui
 
 _FLAGS = (
@@ -45,7 +44,7 @@ def draw(context: Context, rows: tuple[ResultRow, ...], size: tuple[float, float
                 for place, row in enumerate(rows):
                     imgui.TableSetColumnIndex(place + 1)
                     if row.picture:
-                        _picture(row.picture, (width, ui.px(_PICTURE_HEIGHT_MAX)))
+                        _draw_picture(context, row.picture, (width, ui.px(_PICTURE_HEIGHT_MAX)))
         if any(row.facts.warnings for row in rows):
             _cells(ui, "warnings", ["; ".join(row.facts.warnings) for row in rows])
     finally:
@@ -59,17 +58,14 @@ def _cells(ui: Ui, head: str, texts: list[str]) -> None:
         ui.note(text, "ink" if place else "muted")
 
 
-def _picture(path: Path, largest: tuple[float, float]) -> None:
-    if ps.get_render_engine_backend_name() == "openGL_mock":
-        return
-    name = f"{_PICTURE_NAME}{path}"
-    try:
-        buffer = ps.get_quantity_buffer(name, "colors")
-    except ValueError:
-        pixels = np.asarray(Image.open(path).convert("RGBA"), dtype=np.float32) / 255
-        ps.add_color_alpha_image_quantity(name, pixels, enabled=False)
-        buffer = ps.get_quantity_buffer(name, "colors")
-    with Image.open(path) as picture:
+@cache
+def _picture(path: Path) -> Image.Image:
+    return Image.open(path).convert("RGBA")
+
+
+def _draw_picture(context: Context, path: Path, largest: tuple[float, float]) -> None:
+    picture = _picture(path)
+    texture = context.textures.find(f"{_PICTURE_NAME}{path}", picture)
+    if texture is not None:
         times = min(largest[0] / picture.width, largest[1] / picture.height)
-        size = times * picture.width, times * picture.height
-    imgui.Image(imgui.ImTextureRef(int(buffer.get_texture_native_id())), size)
+        imgui.Image(texture, (times * picture.width, times * picture.height))

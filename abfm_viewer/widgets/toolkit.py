@@ -575,6 +575,15 @@ class Ui:
         self._finish(label, "choice", "", shown, text="chosen" if chosen else "")
         return clicked, clicked and bool(imgui.IsMouseDoubleClicked(0))
 
+    def sort_arrow(self, falls: bool) -> None:
+        """Draw an arrow in the previous widget, the heading of the column that sorts a list."""
+        (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
+        size, x, y = self.px(3.5), right - self.px(7), (top + bottom) / 2
+        tip, base = (y + size, y - size) if falls else (y - size, y + size)
+        ink = imgui.GetColorU32(self.colors.accent)
+        corners = (x - size, base), (x + size, base), (x, tip)
+        imgui.GetWindowDrawList().AddTriangleFilled(*corners, ink)
+
     def record_item(self, label: str, kind: WidgetKind, **details: Any) -> bool:
         """Record ImGui's latest item as a `Widget`; return whether it should act now."""
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())

@@ -40,11 +40,11 @@ _FINER_TIP = (
 )
 
 
-def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
+def draw(ui: Ui, actions: Actions) -> None:
     saves = actions.context.session.saves
     imgui.BeginMainMenuBar()
     try:
-        draw_menus(ui, actions, textures)
+        draw_menus(ui, actions)
         # the name of the document at the right, abbreviated to fit
         available = float(imgui.GetContentRegionAvail()[0]) - ui.px(16)
         title = abbreviated(saves.title, available, ui.text_width)
@@ -56,11 +56,8 @@ def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
         imgui.EndMainMenuBar()
 
 
-def draw_menus(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
-    def draw_samples(ui: Ui, actions: Actions) -> None:
-        samples.draw(ui, actions.context.files, textures)
-
-    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": draw_samples, "Help": _help}
+def draw_menus(ui: Ui, actions: Actions) -> None:
+    menus = {"File": _file, "Edit": _edit, "View": _view, "Samples": _samples, "Help": _help}
     for label, draw_menu in menus.items():
         with menu(ui, label) as is_open:
             if is_open:
@@ -213,6 +210,10 @@ def _view(ui: Ui, actions: Actions) -> None:
     with menu(ui, "Look from") as is_open:
         _items(ui, {"Best view": actions.best_view, **actions.sides()} if is_open else {})
     _items(ui, {"Reset camera": actions.reset})
+
+
+def _samples(ui: Ui, actions: Actions) -> None:
+    samples.draw(ui, actions.context.files, actions.context.textures)
 
 
 def _surfaces(ui: Ui, actions: Actions) -> None:

@@ -53,7 +53,6 @@ _VIEW_OF_FIGURE: dict[int, dict[str, Any]] = {
 }
 """Settings of `View` by figure, which show what the figure is about, such as its field."""
 _ON_THE_HUMANS = Channel("gaussian:vertex=145,width=0.18", "gaussian:vertex=700,width=0.18")
-Corner = tuple[float, float]
 
 
 def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, FloatArray]]:
@@ -113,19 +112,7 @@ def _pictures() -> Image.Image:
     return Image.open(PICTURES)
 
 
-class SampleTextures:
-    """Texture with the thumbnails of all samples."""
-
-    def __init__(self, textures: Textures) -> None:
-        self._textures = textures
-
-    def find(self, name: str) -> tuple[imgui.ImTextureRef, Corner, Corner] | None:
-        """Return the texture and the corners of a thumbnail; None if the backend cannot draw."""
-        texture = self._textures.find(_PICTURES, _pictures())
-        return None if texture is None else (texture, *thumbnail_corners(name))
-
-
-def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
+def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
     """Draw the entries of the menu Samples, in columns that fit the window."""
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
@@ -134,9 +121,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
         "Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS,
         "Figures of the paper": figures,
     }
-    available = _HEIGHT_SHARE_MAX * display[1] - len(parts) * (
-        line + spacing[1]
-    )  # without headings
+    headings = len(parts) * (line + spacing[1])
+    available = _HEIGHT_SHARE_MAX * display[1] - headings
     columns, height = _COLUMNS_MIN - 1, 0.0
     while height < line and columns < _COLUMNS_MAX:
         columns += 1
@@ -168,7 +154,7 @@ def _is_chosen(
     sample: tuple[str, str],
     loaded: bool,
     size: tuple[float, float],
-    textures: SampleTextures,
+    textures: Textures,
 ) -> bool:
     (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
@@ -180,8 +166,8 @@ def _is_chosen(
     title = f"{name}{size_text}{', loaded' if loaded else ''}"
     ui.tip(f"{title}: {description}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
-    if (found := textures.find(pictured)) is not None:
-        texture, first, second = found
+    if (texture := textures.find(_PICTURES, _pictures())) is not None:
+        first, second = thumbnail_corners(pictured)
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
     available = left + size[0] - x

@@ -38,7 +38,6 @@ from abfm_viewer.scene.annotations import (
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Supersampling
 from abfm_viewer.scene.scene import Scene
-from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
 from abfm_viewer.widgets import style
@@ -50,7 +49,6 @@ from abfm_viewer.window.library_warnings import LibraryWarnings
 from abfm_viewer.window.mouse import Mouse
 from abfm_viewer.window.previews import Previews
 from abfm_viewer.window.recovery import Recoveries
-from abfm_viewer.window.samples import SampleTextures
 from abfm_viewer.window.search import Search
 from abfm_viewer.window.session_preferences import SessionPreferences
 from abfm_viewer.window.tour import PANEL, SCENE, TIME_BAR, Tour
@@ -159,7 +157,6 @@ class Window(Context):
     ) -> None:
         super().__init__(session, state)
         self.session_preferences = SessionPreferences(session, self.preferences)
-        self.textures = Textures()
         self.previews = Previews(self.textures)
         self.dialogs.preview = self.previews.find
         parts = self.files, self.dialogs, self.textures
@@ -195,7 +192,6 @@ class Window(Context):
         self.scene = Scene(self.shown)
         self.supersampling = Supersampling(backend == opengl.WINDOW)
         self.title = WindowTitle()
-        self.sample_textures = SampleTextures(self.textures)
         self.gaussian_markers = GaussianMarkers()
 
     def run(self) -> None:
@@ -313,7 +309,7 @@ class Window(Context):
         parts = self.parts = areas(*sizes, has_table)
         self._draw_scene(parts.scene, is_live)
         with self.ui.disabled(self.dialogs.is_open):
-            self.guarded("menu", menus.draw, self.ui, self.actions, self.sample_textures)
+            self.guarded("menu", menus.draw, self.ui, self.actions)
             self.guarded("panel", right_panel.draw, self, parts.panel, self.guarded)
             if has_table:
                 self.guarded("table", result_table.draw, self, parts.table)
@@ -336,7 +332,7 @@ class Window(Context):
     def _draw_unseen(self) -> None:
         """Draw all menus and tabs, for the record of widgets that are not visible."""
         with window(self.ui, "unseen", (-1e4, -1e4, -9e3, -9e3)):
-            self.guarded("menu", menus.draw_menus, self.ui, self.actions, self.sample_textures)
+            self.guarded("menu", menus.draw_menus, self.ui, self.actions)
             right_panel.list_tabs(self, self.guarded)
 
     def _draw_scene(self, rect: Rect, is_live: bool) -> None:

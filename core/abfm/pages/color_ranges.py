@@ -24,9 +24,7 @@ _PERCENTILES = 0.02, 0.98
 _STRETCH_MIN = 4.0
 _QUANTITY_STRETCH_MIN = 2.0
 _EXCESS_MIN = 0.5  # excess of a clipped end, relative to the range of the percentiles
-_DIFFERENCE_MIN = (
-    0.1  # smallest difference from the median, relative to the range of the percentiles
-)
+_DIFFERENCE_MIN = 0.1  # from the median, relative to the range of the percentiles
 _PART_MAX = 1 / 8  # largest share of the area that is a small part of the surface
 _NOISE = 1e-9  # differences that count as rounding errors, relative to the range of all values
 _SAMPLES_MAX = 2_000_000  # values of which percentiles are computed
