@@ -62,7 +62,6 @@ MAIN_OPTIONS = (
     "one-based",
     "hemisphere",
     "size",
-    "out",
 )
 
 

@@ -53,7 +53,6 @@ target. A sheet of a sequence has frames and the field. Pictures of projects and
 all movies, show the surfaces as the window does (--style window).
 """
 MAIN_OPTIONS = (
-    "out",
     "size",
     "time",
     "style",

@@ -349,11 +349,7 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
 
 def window_pen(ui: Ui) -> Pen:
     line = imgui.GetTextLineHeight()
-    return Pen(ui.scale, line, _width, ui.colors, TICK * ui.scale)
-
-
-def _width(text: str) -> float:
-    return float(imgui.CalcTextSize(text)[0])
+    return Pen(ui.scale, line, ui.text_width, ui.colors, TICK * ui.scale)
 
 
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:

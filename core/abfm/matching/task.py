@@ -179,7 +179,6 @@ class MatchTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "mesh",
         "source",
         "target",
         "channel",

@@ -119,8 +119,6 @@ class PopulationTask(Task):
         *parameter_inputs(),
     )
     main_options: ClassVar = (
-        "table",
-        "template",
         "channel",
         "mask",
         "initial",

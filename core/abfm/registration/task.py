@@ -198,8 +198,6 @@ class RegistrationTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "a",
-        "b",
         "source",
         "target",
         "channel",

@@ -212,8 +212,6 @@ class SequenceTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "mesh",
-        "frames",
         "dt",
         "array",
         "channel",

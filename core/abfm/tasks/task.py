@@ -123,7 +123,8 @@ class Task(ABC):
     details: ClassVar[str] = ""  # long explanations that only ``--help-all`` prints
     output_help: ClassVar[str] = ""  # help of the option ``--out``
     inputs: ClassVar[tuple[Input, ...]]  # inputs in the order of ``--help-all``
-    main_options: ClassVar[tuple[str, ...]] = ()  # names of the options that ``--help`` shows
+    # options that ``--help`` shows, besides arguments and required options
+    main_options: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]]  # names of required inputs; the first one identifies the type
     result: ClassVar[type[Any]]  # type of the results
     file: ClassVar[ResultFile]
