@@ -1,14 +1,16 @@
 """Preferences of the user, which all documents and launches share."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 from abfm_viewer.document.document import Range, Theme
 from abfm_viewer.files.project import value_of
 from abfm_viewer.files.state_folder import StateFolder
 
 _FILE = "preferences.json"
+Settings = TypeVar("Settings", bound=Any)
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class PreferenceFile:
 
     def __init__(self, state: StateFolder | None) -> None:
         self._state = state
-        self.now = _preferences(state.read(_FILE, dict) if state else {})
+        self.now = with_stored(Preferences(), state.read(_FILE, dict) if state else {})
 
     def change(self, **values: Any) -> None:
         """Set preferences by their names, and store those that differ."""
@@ -50,13 +52,11 @@ class PreferenceFile:
         return getattr(self.now, name)
 
 
-def _preferences(stored: Mapping[str, Any]) -> Preferences:
-    hints, found = get_type_hints(Preferences, include_extras=True), Preferences()
-    for one in fields(Preferences):
-        if one.name in stored:
-            try:
-                value = value_of(hints[one.name], stored[one.name], one.name)
-            except ValueError:
-                continue
-            found = replace(found, **{one.name: value})
-    return found
+def with_stored(settings: Settings, stored: Mapping[str, Any]) -> Settings:
+    """Return settings (a dataclass) with stored values, without those that are invalid."""
+    hints = get_type_hints(type(settings), include_extras=True)
+    for name in [one.name for one in fields(settings) if one.name in stored]:
+        with suppress(ValueError):
+            value = value_of(hints[name], stored[name], name)
+            settings = replace(settings, **{name: value})
+    return settings

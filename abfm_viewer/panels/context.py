@@ -7,7 +7,7 @@ from abfm.reading import FRAMES_ENDINGS
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.contents import MESHES
-from abfm_viewer.files.preferences import PreferenceFile
+from abfm_viewer.files.preferences import PreferenceFile, with_stored
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.scene.textures import Textures
@@ -41,7 +41,7 @@ class Context:
         # lists copies of unsaved work of earlier launches; None if there are none
         self.list_copies: Callable[[], None] | None = None
         self.exporter = Exporter(session.notices.show)
-        self.exporter.settings = ExportSettings.of(self.preferences.get("export"))
+        self.exporter.settings = with_stored(ExportSettings(), self.preferences.now.export)
         self.files = SessionFiles(session, state, self.dialogs.question)
         self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
         self.files.file_actions[OTHER_FRAMES] = self.open_frames

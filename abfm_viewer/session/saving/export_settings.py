@@ -1,12 +1,10 @@
 """Settings of exported pictures and movies, which preferences store."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from dataclasses import dataclass
+from typing import Annotated, Literal, get_args
 
 from abfm.display import VIEWS, ViewName
 from abfm_viewer.document.document import Document, Range
-from abfm_viewer.files.project import value_of
 
 Background = Literal["theme", "white", "transparent"]
 ShownView = Literal["as shown", ViewName]
@@ -31,17 +29,6 @@ class ExportSettings:
     start: Annotated[float, Range(0, 2)] = 0.0  # times of start and end, in durations of the flow
     end: Annotated[float, Range(0, 2)] = 1.0
     turns: Annotated[float, Range(-100, 100)] = 0.0  # of the surfaces during a movie
-
-    @staticmethod
-    def of(stored: Mapping[str, Any]) -> "ExportSettings":
-        """Return stored settings; missing or invalid ones have their defaults."""
-        hints, found = get_type_hints(ExportSettings, include_extras=True), ExportSettings()
-        for name in [one.name for one in fields(found) if one.name in stored]:
-            try:
-                found = replace(found, **{name: value_of(hints[name], stored[name], name)})
-            except ValueError:
-                continue
-        return found
 
     @property
     def frames(self) -> int:

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 import abfm
+from abfm_viewer.files.preferences import with_stored
 from abfm_viewer.panels.export import TITLE
 from abfm_viewer.session.saving.export_settings import SHOWN_VIEWS, ExportSettings
 
@@ -64,7 +65,9 @@ def set_size_and_save_results(matched, tmp_path):
     matched.click("Close", within=TITLE)
     for suffix in (".npz", ".ply", ".vtu", ".csv"):
         exported(matched, "Match data", tmp_path / f"match{suffix}")
-    assert ExportSettings.of(matched.window.preferences.get("export")) == exporter.settings
+    assert (
+        with_stored(ExportSettings(), matched.window.preferences.get("export")) == exporter.settings
+    )
     again = abfm.load(tmp_path / "match.npz")
     np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
     with (tmp_path / "match.csv").open() as table:

@@ -10,6 +10,7 @@ from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Surface
 from abfm_viewer.document.kinds import MatchDocument
 from abfm_viewer.files import outputs
+from abfm_viewer.files.preferences import with_stored
 from abfm_viewer.session.saving.export_settings import ExportSettings
 from abfm_viewer.session.saving.exporter import Exporter
 from tests.messages import check_message
@@ -142,9 +143,9 @@ def test_exports_report_steps_and_are_queued(exporter, document, out, monkeypatc
 def test_stored_settings_are_checked():
     """Invalid, unknown and missing settings have their defaults."""
     settings = ExportSettings(640, 480, 150, "white", "left", turns=-0.5, movie_suffix=".gif")
-    assert ExportSettings.of(asdict(settings)) == settings
+    assert with_stored(ExportSettings(), asdict(settings)) == settings
     wrong = {"width": 1, "dpi": "many", "background": "red", "view": "inside", "other": 1}
-    assert ExportSettings.of(wrong | {"seconds": 2.5}) == ExportSettings(seconds=2.5)
+    assert with_stored(ExportSettings(), wrong | {"seconds": 2.5}) == ExportSettings(seconds=2.5)
 
 
 def test_settings_become_options_of_render(document):
