@@ -77,17 +77,13 @@ class ResultFile(NamedTuple):
     """Read the functions for a small picture of a result; `Task.preview_labels` labels them."""
 
 
-def _advice(found: Any, result: str) -> str:
-    return in_options(found.facts.advice)
-
-
 class Report(NamedTuple):
     """Functions that report on one type of result."""
 
     details: Callable[[Any], dict[str, Any]]
     """Return all reported values as plain numbers and texts; None if a value is unknown."""
     lines: Callable[[Any], list[str]]  # return the lines of the printed report
-    advice: Callable[[Any, str], str] = _advice
+    advice: Callable[[Any, str], str] = lambda found, result: in_options(found.facts.advice)
     """Return advice on the next run. The second argument is the path of the result, or empty."""
 
 
