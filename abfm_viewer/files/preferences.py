@@ -53,7 +53,7 @@ class PreferenceFile:
 
 
 def with_stored(settings: Settings, stored: Mapping[str, Any]) -> Settings:
-    """Return settings (a dataclass) with stored values, without those that are invalid."""
+    """Return settings (a dataclass) with stored values; invalid values have no effect."""
     hints = get_type_hints(type(settings), include_extras=True)
     for name in [one.name for one in fields(settings) if one.name in stored]:
         with suppress(ValueError):
