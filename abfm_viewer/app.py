@@ -54,7 +54,7 @@ def _run(words: list[str]) -> int:
     open_window = window.open_window  # reports a missing library
     is_known = StateFolder().path.exists()
     opened = open_window(what, "openGL3_glfw", (1280, 800), options=options)
-    if not (opened.preferences.get("tour_seen") or (is_known and arguments.file)):
+    if not (opened.preferences.now.tour_seen or (is_known and arguments.file)):
         opened.tour.start()
     opened.run()
     return 0

@@ -16,7 +16,7 @@ from abfm import AbfmError
 from abfm.errors import MESSAGE_LENGTH_MAX, one_line
 from abfm.numerics.factoring_in_subprocess import factoring_in_subprocess
 from abfm.workers.control import CancelledError
-from abfm.workers.progress import Overall, Step, reporting_steps
+from abfm.workers.progress import Overall, reporting_steps
 from abfm.workers.threads import DaemonThreads
 
 Value = TypeVar("Value")
@@ -83,11 +83,6 @@ class Latest(Generic[Value]):
         self._running: object = None
         self._has_thread = False
         self._condition = threading.Condition()
-
-    @property
-    def step(self) -> Step | None:
-        """The present step of the running job; None if it reports no steps."""
-        return self.overall.step
 
     @property
     def busy(self) -> bool:

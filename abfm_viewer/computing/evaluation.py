@@ -75,7 +75,7 @@ class Functions:
 
     @property
     def step(self) -> Step | None:
-        return self._latest.step if self.busy else None
+        return self._latest.overall.step if self.busy else None
 
     def without_process(self, keeps: Callable[[str], bool]) -> Functions:
         """Return a copy without thread and subprocess, which retains some of the values.

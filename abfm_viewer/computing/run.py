@@ -129,11 +129,6 @@ class Run(Generic[Result]):
     def failed(self) -> bool:
         return self.state is RunState.FAILED
 
-    @property
-    def step(self) -> Step | None:
-        """The present step of the run."""
-        return self.overall.step
-
     def start(
         self,
         work: Callable[[], Result],

@@ -106,7 +106,8 @@ AnyDialog = Question | FileDialog | NativeDialog | Message | Palette | OtherDial
 class Stored(Protocol):
     """Preferences by their names."""
 
-    def get(self, name: str, /) -> Any: ...
+    now: Any
+
     def change(self, **values: Any) -> None: ...
 
 
@@ -120,7 +121,7 @@ class Dialogs:
         self.preview: Callable[[Path], Preview | None] = lambda path: None
         self.uses_native: Callable[[], bool] = lambda: False  # whether to use the system's dialogs
         self._stored, self._folder = stored, Path()
-        self._recent: dict[str, tuple[str, ...]] = stored.get("folders") if stored else {}
+        self._recent: dict[str, tuple[str, ...]] = stored.now.folders if stored else {}
         self._open: list[tuple[AnyDialog, Callable[[Any], None]]] = []
 
     @property

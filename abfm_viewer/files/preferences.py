@@ -42,14 +42,13 @@ class PreferenceFile:
 
     def change(self, **values: Any) -> None:
         """Set preferences by their names, and store those that differ."""
-        changed = {name: value for name, value in values.items() if self.get(name) != value}
+        changed = {
+            name: value for name, value in values.items() if getattr(self.now, name) != value
+        }
         if changed:
             self.now = replace(self.now, **changed)
             if self._state:  # another window may have changed other preferences
                 self._state.write(_FILE, self._state.read(_FILE, dict) | changed)
-
-    def get(self, name: str) -> Any:
-        return getattr(self.now, name)
 
 
 def with_stored(settings: Settings, stored: Mapping[str, Any]) -> Settings:

@@ -112,7 +112,7 @@ def _opening(session: Session) -> _Work | None:
 def _ending(context: Context) -> _Work | None:
     if (waiting := context.files.waiting) is None:
         return None
-    step, elapsed = context.session.solver.step, waiting.elapsed
+    step, elapsed = context.session.solver.overall.step, waiting.elapsed
     text = f"{waiting.what} when the run has ended: {elapsed:.0f} s"
     doing = step.task if step else "taking its best field"
     tip = "Keep the current document. The run still ends, with its best field."

@@ -88,7 +88,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 def shown_columns(context: Context, table: ResultTable) -> tuple[Name, ...]:
     """Return the columns that the user chose for this kind of table, by default all of them."""
-    chosen = context.preferences.get("columns").get(table.noun, table.columns)
+    chosen = context.preferences.now.columns.get(table.noun, table.columns)
     return tuple(name for name in table.columns if name == "name" or name in chosen)
 
 
@@ -107,7 +107,7 @@ def _menu(context: Context, tables: Tables, cell: str = "") -> None:
     for name in table.columns[1:]:
         if menu_item(ui, COLUMNS[name].head, checked=name in columns):
             chosen = tuple(each for each in table.columns if each in {*columns} ^ {name})
-            stored = context.preferences.get("columns")
+            stored = context.preferences.now.columns
             context.preferences.change(columns={**stored, table.noun: chosen})
 
 

@@ -42,7 +42,7 @@ class Bound:
 
     @property
     def step(self) -> Step | None:
-        return self._run.step if self._run else None
+        return self._run.overall.step if self._run else None
 
     def start(self) -> None:
         document = self._editor.document

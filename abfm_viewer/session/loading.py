@@ -59,7 +59,7 @@ class Loading:
 
     @property
     def step(self) -> Step | None:
-        return self._reader.step if self._reader else None
+        return self._reader.overall.step if self._reader else None
 
     def begin(self, load: Load) -> None:
         cancelled = self.replacing if self.now is not load else ""

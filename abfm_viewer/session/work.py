@@ -287,7 +287,7 @@ class MatchWork(Work):
     @property
     def step(self) -> Step | None:
         if not self.document.channels:
-            return self._defaults.step
+            return self._defaults.overall.step
         return next((each.step for each in self._evaluating if each.step), None)
 
     @property

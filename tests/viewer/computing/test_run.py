@@ -46,7 +46,7 @@ def process_of(run):
 
 
 def test_result_is_passed_on_once(run):
-    assert (run.running, run.paused, run.finished, run.step) == (False, False, False, None)
+    assert (run.running, run.paused, run.finished, run.overall.step) == (False, False, False, None)
     for do in (run.cancel, run.pause, run.resume, run.collect):  # has no effect without a run
         do()
     assert run.state is RunState.IDLE
@@ -144,12 +144,12 @@ def test_errors_are_one_line_and_keep_the_result(run, capsys):
 
 def test_run_reports_its_step(run):
     started = StartedRun(run, jobs.hold, recover=lambda: "found")
-    until(lambda: run.step)
-    assert run.step.task == "holding"
+    until(lambda: run.overall.step)
+    assert run.overall.step.task == "holding"
     until(lambda: process_of(run))
     os.kill(run.process._worker.pid, signal.SIGKILL)
     assert started.ended() == "found"
-    assert (run.failed, run.step) == (True, None)
+    assert (run.failed, run.overall.step) == (True, None)
     check_message(run.reason)
     with raises(WorkerEndedError):
         run.process.call_now(jobs.pid)
@@ -172,7 +172,7 @@ def test_process_that_does_not_start_fails_the_run(run, monkeypatch):
 
 def test_closing_ends_call_and_process(run):
     StartedRun(run, jobs.hold)
-    until(lambda: run.step)
+    until(lambda: run.overall.step)
     process = process_of(run)
     run.close(seconds=0)
     assert process.has_ended

@@ -65,9 +65,7 @@ def set_size_and_save_results(matched, tmp_path):
     matched.click("Close", within=TITLE)
     for suffix in (".npz", ".ply", ".vtu", ".csv"):
         exported(matched, "Match data", tmp_path / f"match{suffix}")
-    assert (
-        with_stored(ExportSettings(), matched.window.preferences.get("export")) == exporter.settings
-    )
+    assert with_stored(ExportSettings(), matched.window.preferences.now.export) == exporter.settings
     again = abfm.load(tmp_path / "match.npz")
     np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
     with (tmp_path / "match.csv").open() as table:

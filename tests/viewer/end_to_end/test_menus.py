@@ -334,7 +334,7 @@ def take_the_tour(gui):
     """Continue by doing a step, and by Next; no card covers its target."""
     window, tour, begun = gui.window, gui.window.tour, gui.session.view
     gui.menu("Help", "Tour")
-    assert window.preferences.get("tour_seen")
+    assert window.preferences.now.tour_seen
     gui.input.drag((100, 200), (130, 210))
     gui.frames(2)
     assert gui.session.view.viewpoint != begun.viewpoint

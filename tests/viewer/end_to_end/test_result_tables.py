@@ -129,7 +129,7 @@ def copy_and_compare_rows(opened, folder):
     for head in ("verdict", "along flow lines", "folded", "|log2 J|", "residual"):
         opened.menu(options, head)
     assert [*heads_of(opened)] == ["name", "reason"]
-    assert opened.window.preferences.get("columns") == {"row": ("name", "reason")}
+    assert opened.window.preferences.now.columns == {"row": ("name", "reason")}
     opened.click("along x", "rows")
     settle(opened)
     with opened.input.holding(["ctrl"]):

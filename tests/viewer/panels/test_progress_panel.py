@@ -18,11 +18,11 @@ def test_job_reports_its_step_until_it_is_done():
         return 10
 
     latest.request(1, job)
-    until(lambda: latest.step)
-    assert latest.step.task == "counting to ten"
+    until(lambda: latest.overall.step)
+    assert latest.overall.step.task == "counting to ten"
     go_on.set()
     until(lambda: not latest.busy)
-    assert (latest.step, latest.value) == (None, 10)
+    assert (latest.overall.step, latest.value) == (None, 10)
     latest.close()
 
 
