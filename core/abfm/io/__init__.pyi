@@ -25,5 +25,6 @@ from .source_estimates import write_stc as write_stc
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image
 from .tables import write_csv as write_csv
+from .textured import TEXTURED_ENDINGS as TEXTURED_ENDINGS
 from .textured import textured_files as textured_files
 from .textured import write_textured as write_textured

@@ -7,6 +7,7 @@ from .functional_maps import functional_map as functional_map
 from .functional_maps import point_map as point_map
 from .functional_maps import zoom_out as zoom_out
 from .point_maps import PointMap as PointMap
+from .quality import ERROR_BOUNDS as ERROR_BOUNDS
 from .quality import FlowMapQuality as FlowMapQuality
 from .quality import MapAccuracy as MapAccuracy
 from .quality import MapQuality as MapQuality

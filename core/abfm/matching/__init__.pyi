@@ -1,4 +1,5 @@
 from .bounded import BOUNDED_SHARE as BOUNDED_SHARE
+from .bounded import check_bound as check_bound
 from .bounded import limit_distortion as limit_distortion
 from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
@@ -15,9 +16,12 @@ from .match import match as match
 from .path import PathStep as PathStep
 from .path import path_table as path_table
 from .problem import Problem as Problem
+from .problem import load_problem as load_problem
 from .report import residual_text as residual_text
 from .report import value_text as value_text
 from .result import Match as Match
+from .result import load_match as load_match
+from .solvability import peaks as peaks
 from .solvability import resolution as resolution
 from .solve_many import solve_many as solve_many
 from .solving.levels import prepare as prepare

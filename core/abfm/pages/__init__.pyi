@@ -1,3 +1,5 @@
+from .color_ranges import color_range as color_range
+from .front import ViewSpec as ViewSpec
 from .front import front_of as front_of
 from .notebook import page_of as page_of
 from .page import Clock as Clock

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.display import BEST_VIEW, UpAxis, ViewName, ViewSpec
+from abfm.display import BEST_VIEW, UpAxis, ViewName
+from abfm.display import ViewSpec as ViewSpec
 from abfm.mesh import TriangleMesh
 from abfm.reading import side_of
 from abfm.types import FloatArray

@@ -1,4 +1,10 @@
+from .outliers import SUBJECTS_MIN as SUBJECTS_MIN
+from .outliers import ComparisonData as ComparisonData
+from .outliers import OutlierAnalysis as OutlierAnalysis
+from .outliers import Similarity as Similarity
+from .outliers import find_outliers as find_outliers
 from .population import Population as Population
+from .population import load_population as load_population
 from .rounds import register_population as register_population
 from .settings import Settings as Settings
 from .statistics import Phase as Phase
@@ -6,4 +12,5 @@ from .subjects import HELD_OUT_PREFIX as HELD_OUT_PREFIX
 from .subjects import Channel as Channel
 from .subjects import Cohort as Cohort
 from .subjects import Subject as Subject
+from .subjects import function_text as function_text
 from .subjects import read_subjects as read_subjects

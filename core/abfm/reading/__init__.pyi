@@ -26,6 +26,7 @@ from .hemispheres import hemisphere as hemisphere
 from .hemispheres import named_side as named_side
 from .hemispheres import side_of as side_of
 from .labels import NO_LABEL as NO_LABEL
+from .labels import Color as Color
 from .labels import Labels as Labels
 from .opening import ENDINGS as ENDINGS
 from .opening import FRAMES_ENDINGS as FRAMES_ENDINGS
@@ -35,6 +36,7 @@ from .opening import Format as Format
 from .opening import Opened as Opened
 from .opening import decoded as decoded
 from .opening import open_file as open_file
+from .regular_files import FILE_BYTES_MAX as FILE_BYTES_MAX
 from .regular_files import Archive as Archive
 from .regular_files import array_from as array_from
 from .regular_files import from_json as from_json
@@ -49,6 +51,7 @@ from .text_tables import rows_of as rows_of
 from .vtk import vtk_contents as vtk_contents
 from .vtk_file import PointData as PointData
 from .vtk_file import Polygons as Polygons
+from .vtk_file import VtkFile as VtkFile
 from .vtk_file import polygons_of_cells as polygons_of_cells
 from .vtk_file import triangles_of_strips as triangles_of_strips
 from .vtk_xml import read_collection as read_collection

@@ -1,4 +1,5 @@
 from .correspondence import Correspondence as Correspondence
+from .correspondence import load_correspondence as load_correspondence
 from .initial.landmark_pairs import Landmarks as Landmarks
 from .initial.landmark_pairs import read_landmarks as read_landmarks
 from .register import MEASURED_PARAMETERS as MEASURED_PARAMETERS

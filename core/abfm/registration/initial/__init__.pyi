@@ -1,3 +1,4 @@
+from .alignment import Alignment as Alignment
 from .alignment import align as align
 from .alignment import closest_after_alignment as closest_after_alignment
 from .connectivity import same_connectivity as same_connectivity
@@ -5,6 +6,7 @@ from .landmark_pairs import Landmarks as Landmarks
 from .landmark_pairs import read_landmarks as read_landmarks
 from .map_files import map_from_file as map_from_file
 from .methods import METHODS as METHODS
+from .methods import InitialMapMethod as InitialMapMethod
 from .methods import initial_map as initial_map
 from .methods import method_of as method_of
 from .spectral import SpectralSearch as SpectralSearch
