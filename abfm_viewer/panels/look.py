@@ -2,7 +2,6 @@
 
 import numpy as np
 
-import abfm
 from abfm.pages.sequence_motion import CRITICAL_COLORS
 from abfm.wording import counted, sentence
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, TRANSFERRED_COLORINGS, Coloring
@@ -71,14 +70,10 @@ def _switch(context: Context, label: str, name: str, step: str, tip: str) -> Non
 def draw_coloring(context: Context) -> None:
     ui, set_view = context.ui, context.session.editor.set_view
     now, is_full = context.session.view.coloring, context.session.view.full_range
-    left, right = ui.halves("color by", "range")
     tip = f"Colours of the advected surface. {_COLORINGS[now]}"
-    chosen = ui.combo("color by", now, _COLORINGS, tip, left)
-    if right:
-        ui.same_line()
-        right -= 2 * ui.help_width
+    chosen = ui.combo("color by", now, _COLORINGS, tip)
     kind = "full" if is_full else "robust"
-    kind = ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}", right)
+    kind = ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}")
     draw_help(context, "colour range", "speed", "area change")
     set_view(f"color by {chosen}", coloring=chosen)
     set_view("change the range", full_range=kind == "full")
@@ -162,10 +157,11 @@ def draw_clicks(context: Context) -> None:
         tools.pop("landmark")
     tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
+    ui.same_line_if_fits("Clear lines", is_button=True)
     with ui.disabled(not document.lines, "There are no flow lines."):
         if ui.button("Clear lines", "Remove all flow lines."):
             editor.change("clear lines", lines=())
-    ui.same_line_if_fits("Clear points")
+    ui.same_line_if_fits("Clear points", is_button=True)
     with ui.disabled(not document.points, "There are no followed points."):
         if ui.button("Clear points", "Remove all followed points."):
             editor.change("clear points", points=())
@@ -210,17 +206,13 @@ def _error(context: Context) -> None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(
-            f"Error at time {session.document.time:.4g}: at most {difference[worst]:.4g} (vertex "
+            f"Error: at most {difference[worst]:.4g} (vertex "
             f"{session.surface('error').mesh.vertex_ids[worst]}), mean "
             f"{float(difference.mean()):.4g}."
         )
-    if session.result is not None and not (session.outdated or session.solver.running):
-        if not session.result.problem.is_of_landmarks:
-            numbers = abfm.matching.residual_text(session.result)
-            ui.note(f"Residual at τ in L2, relative to the target minus its mean: {numbers}.")
-        if session.result.refined:
-            found = sentence(refinement_text(session.result))
-            ui.note(f"{found} View > Finer mesh shows it there.")
+    result = None if session.outdated or session.solver.running else session.result
+    if result is not None and result.refined:
+        ui.note(f"{sentence(refinement_text(result))} View > Finer mesh shows it there.")
 
 
 def _field(context: Context) -> None:

@@ -27,7 +27,6 @@ from abfm_viewer.widgets.toolkit import Ui
 _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # maximum height of the state, as a share of the panel
 _SIDE_BUTTON = 76
-_SIDE_SHARE = 0.3
 _DETAIL_SECONDS = 1.0  # a step of this duration is shown instead of the stage
 _BAR_HEIGHT = 8  # of progress bars, as on cards; leaves space for three lines and a warning
 _IMPOSSIBLE_NOTE = "No flow can match these functions."
@@ -83,15 +82,18 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     """Draw the buttons at fixed places, so that a late click cannot hit another button."""
     document, replacing = session.document, session.loading.replacing
     solver = session.solver
-    side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
-    others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
+    room, spacing = imgui.GetContentRegionAvail()[0], imgui.GetStyle().ItemSpacing[0]
+    arrow = imgui.GetFrameHeight() + ui.px(2)
+    widest = max(map(ui.text_width, (document.match_label, "Match again")))
+    side = (room - arrow - widest) / 2 - imgui.GetStyle().FramePadding[0] - spacing
+    side = min(ui.px(_SIDE_BUTTON), max(side, ui.text_width("Resume") + ui.px(4)))
+    others = 2 * (side + spacing)
     has_result, continues = session.result is not None, session.continues
     tips = _AGAIN_TIP if has_result else document.match_tip, _CONTINUE_TIP
     tip = with_key(tips[has_result and continues], "match")
     other_tip = with_key(tips[not continues], "match otherwise")
     if replacing:
         tip = f"{replacing} will replace {document.name}. Wait, or cancel it."
-    arrow = imgui.GetFrameHeight() + ui.px(2)
     label = f"{session.match_label}##{document.match_label}"
     if ui.button(label, tip, primary=True, enabled=session.can_match, width=-others - arrow):
         session.match(continues)

@@ -130,7 +130,8 @@ class DocumentRenderer:
         ``cycles`` cycles. The movie can be repeated without a jump of the streaks.
         """
         if self._document.view.error:
-            self._scene.painter.largest_error = max(map(self._error, (start, end)))
+            frame_times = (time for time in self._document.ticks if start < time < end)
+            self._scene.painter.largest_error = max(map(self._error, (start, end, *frame_times)))
         for number in range(count):
             share = number / max(count - 1, 1)
             turned, phase = turntable * number / count, cycles * number / count % 1

@@ -261,8 +261,15 @@ def annotation_parts(
             found.append(Veil((start, top, start + length, bottom), (*pen.inks.ground[:3], 0.85)))
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     if color_bar:
-        bars = _bars(scene, rect, pen)
-        found += [*bars, *_legend(scene.legend(), rect, pen, _right_end(bars, rect, pen))]
+        kinds = scene.legend()
+        full, short = (_legend(kinds, rect, pen, texts) for texts in ({}, _SHORT_TEXTS))
+        # colour bars leave space for a legend in the right half
+        is_narrow = _left_end(short, rect) > (rect[0] + rect[2]) / 2
+        right = _left_end(short, rect) if is_narrow else rect[2]
+        bars = _bars(scene, (*rect[:2], right, rect[3]), pen)
+        end = _right_end(bars, rect, pen)
+        found += bars
+        found += next((parts for parts in (full, short) if _left_end(parts, rect) > end), [])
     return found
 
 
@@ -278,24 +285,24 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
     return max(ends, default=rect[0])
 
 
-def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out the legend at the right, if necessary with short texts.
+def _left_end(legend: Sequence[Part], rect: Rect) -> float:
+    """Return the left end of a legend; if it is empty, the right side of the rectangle."""
+    ends = [one.centre[0] - one.radius for one in legend if isinstance(one, Disc)]
+    return min(ends, default=rect[2])
 
-    The list is empty if the legend would begin left of ``begin``.
-    """
+
+def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, texts: Mapping[str, str]) -> list[Part]:
+    """Lay out the legend at the right; ``texts`` replace the names of some kinds."""
     radius, top = _DOT_RADIUS * pen.scale, rect[3] - bars_height(pen, rect[3] - rect[1]) / 2
-    for texts in ({}, _SHORT_TEXTS):
-        found, right = list[Part](), rect[2] - _MARGIN * pen.scale
-        for kind in reversed(kinds):
-            text = texts.get(kind, kind)
-            right -= pen.width(text)
-            found.append(Text(right, top - pen.line / 2, text, pen.inks.ink))
-            right -= 2 * radius
-            found.append(Disc((right, top), radius, _LEGEND[kind]))
-            right -= radius + _LINE_GAP * pen.scale
-        if right > begin:
-            return found
-    return []
+    found, right = list[Part](), rect[2] - _MARGIN * pen.scale
+    for kind in reversed(kinds):
+        text = texts.get(kind, kind)
+        right -= pen.width(text)
+        found.append(Text(right, top - pen.line / 2, text, pen.inks.ink))
+        right -= 2 * radius
+        found.append(Disc((right, top), radius, _LEGEND[kind]))
+        right -= radius + _LINE_GAP * pen.scale
+    return found
 
 
 def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:

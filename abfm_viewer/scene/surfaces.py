@@ -20,9 +20,9 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import linear, palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.scene.opengl import MATERIAL, ps
+from abfm_viewer.shown.colored_values import PLAIN_COLORS
 from abfm_viewer.shown.paint import Paint
 
-_PLAIN_COLORS = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
 _OF_FUNCTIONS = "vertex values", "face values"
 _EDGE_WIDTH = 1.0  # in polyscope's unit, about a pixel
@@ -59,7 +59,7 @@ def register(name: str, mesh: TriangleMesh) -> Any:
         split.faces,
         smooth_shade=True,
         material=MATERIAL,
-        color=_PLAIN_COLORS["light"],
+        color=PLAIN_COLORS["light"],
         back_face_policy=back_faces(mesh),
     )
 
@@ -83,7 +83,7 @@ def edge_width(faces: int, scale: float) -> float:
 def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
     """Set the width of a surface's edges (0 for none), and flat or smooth shading of its faces."""
     surface = ps.get_surface_mesh(name)
-    surface.set_color(_PLAIN_COLORS[theme])
+    surface.set_color(PLAIN_COLORS[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
     surface.set_edge_width(edges)
     surface.set_smooth_shade(not flat)
@@ -118,7 +118,7 @@ def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
     if paint.kind in _OF_FUNCTIONS and _is_mixed(paint) and paint.colors is not None:
         values = colors_of(values, paint.colors, paint.unknown)
         if paint.determined is not None:
-            plain = np.array(_PLAIN_COLORS["dark" if paint.is_dark else "light"])
+            plain = np.array(PLAIN_COLORS["dark" if paint.is_dark else "light"])
             values = plain + paint.determined[:, None] * (values - plain)
     of_vertices = paint.kind not in ("face values", "texture")
     return drawn_mesh(mesh).values(values) if of_vertices else values

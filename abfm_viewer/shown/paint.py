@@ -25,7 +25,7 @@ from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, TRANSFERRED_COLORINGS, Side, Theme
-from abfm_viewer.shown.colored_values import ColoredValues
+from abfm_viewer.shown.colored_values import PLAIN_COLORS, ColoredValues
 from abfm_viewer.shown.quantities import Field
 from abfm_viewer.shown.shown import Shown
 
@@ -299,10 +299,10 @@ class Painter:
         if plain.colors is None:
             return None
         is_of_faces = plain.kind == "face values"
-        quantities = self._shown.quantities
-        of = ColoredValues(
-            plain.values, plain.colors, plain.unknown, is_of_faces, quantities.determined()
-        )
+        quantities, theme = self._shown.quantities, self._session.view.theme
+        ground = None if plain.determined is None else PLAIN_COLORS[theme]
+        shares = quantities.determined()
+        of = ColoredValues(plain.values, plain.colors, plain.unknown, is_of_faces, shares, ground)
         texture = quantities.texture(of)
         if texture is None:
             return None
@@ -370,8 +370,8 @@ class Painter:
             areas = abfm.calculus.vertex_areas(self._session.surface().mesh)
             colors = self._range("error", error, areas=areas, quantity="magnitude")
             if fixed is not None:
-                colors = replace(colors, high=fixed or 1.0, maximum=fixed)
-            bar = f"|target - advected|, at most {colors.full[1]:.3g}"
+                colors = replace(colors, high=fixed or 1.0, minimum=0.0, maximum=fixed)
+            bar = f"|target - advected|, at most {colors.maximum:.3g}"
             of = error, title, colors, bar
             return Paint("vertex values", *of, unknown=unknown)
 

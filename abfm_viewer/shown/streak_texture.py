@@ -34,8 +34,9 @@ def streak_texture(
     if colored is None:
         table, affine = np.full((1, 3), _BRIGHT_LEVEL), np.zeros((len(atlas.mesh.faces), 3))
         shade = 1 - _DARK_LEVEL / _BRIGHT_LEVEL
-        return _draw(atlas.texel_faces, (affine, contrast), table, (shade, shade * scale), image)
-    values, colors, unknown, of_faces, determined = colored
+        tables, shades = (table, table), (shade, shade * scale)
+        return _draw(atlas.texel_faces, (affine, contrast), tables, shades, image)
+    values, colors, unknown, of_faces, determined, plain = colored
     if of_faces:
         affine = np.zeros((len(atlas.mesh.faces), 3))
         affine[:, 0] = values
@@ -48,25 +49,29 @@ def streak_texture(
     table = np.vstack([linear_table(colors.colormap, _COLORS), np.full((1, 3), NO_VALUES)])
     if determined is not None:
         contrast = atlas.affine(abfm.calculus.averaging(atlas.mesh) @ determined)
-    return _draw(atlas.texel_faces, (affine, contrast), table, (SHADE, SHADE * scale), image)
+    faint = table if plain is None else np.tile(plain, (len(table), 1))
+    tables, shades = (table, faint), (SHADE, SHADE * scale)
+    return _draw(atlas.texel_faces, (affine, contrast), tables, shades, image)
 
 
 @kernel
 def _draw(
     owners: NDArray[np.int32],
     of_faces: tuple[FloatArray, FloatArray],
-    table: FloatArray,
+    tables: tuple[FloatArray, FloatArray],
     shades: tuple[float, float],
     image: IndexArray,
 ) -> FloatImage:
-    """Return colours of a texture from a table of colours, darkened by an image of streaks.
+    """Return colours of a texture from tables of colours, darkened by an image of streaks.
 
     ``owners`` are the faces of the texels. For each face, ``of_faces`` has two affine functions
-    of the texel, (F, 3). The value of the first is a row of ``table``, or the last row if it is
-    NaN. The second is the contrast of the streaks, from 0 to 1.
+    of the texel, (F, 3). The value of the first is a row of ``tables``, or the last row if it is
+    NaN. The second is the contrast of the streaks, from 0 to 1, and the share of the first table;
+    the rest is the share of the second table.
     ``shades`` are the darkening where the image is 0, and the brightening per unit of the image.
     This is a compiled kernel because the window draws while it runs.
     """
+    table, faint = tables
     last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)
     affine, contrast = of_faces
@@ -74,14 +79,15 @@ def _draw(
     for row in range(owners.shape[0]):
         for column in range(owners.shape[1]):
             face = owners[row, column]
-            light = 1.0 - darkest + slope * image[row, column]
+            light, known = 1.0 - darkest + slope * image[row, column], 1.0
             if face >= 0:
                 share = (
                     contrast[face, 0]
                     + contrast[face, 1] * (column + 0.5)
                     + contrast[face, 2] * (row + 0.5)
                 )
-                light += (1.0 - min(max(share, 0.0), 1.0)) * (1.0 - light)
+                known = min(max(share, 0.0), 1.0)
+                light += (1.0 - known) * (1.0 - light)
             entry = 0
             if face >= 0 and np.isnan(affine[face, 0]):
                 entry = table.shape[0] - 1
@@ -93,5 +99,6 @@ def _draw(
                 )
                 entry = int(min(max(share, 0.0), last))
             for channel in range(3):
-                texture[row, column, channel] = light * table[entry, channel]
+                color = known * table[entry, channel] + (1.0 - known) * faint[entry, channel]
+                texture[row, column, channel] = light * color
     return texture

@@ -79,10 +79,13 @@ def _draw_meshes(
     ui.align()
     place = "Stop placing" if document.view.tool == "landmark" else "Place landmarks"
     room = ui.remaining_width(place)
-    ui.line(first, "ink", tips[0], room)
+    if is_beside := ui.text_width(first) <= room:
+        ui.line(first, "ink", tips[0])
     ui.at_right_end(place)
     if ui.button(place, landmarks.PLACE_TIP):
         context.session.editor.switch_placing()
+    if not is_beside:
+        ui.line(first, "ink", tips[0])
     ui.line(*second, tips[1])
     for surface in document.surfaces:
         for message in surface.mesh.messages:

@@ -25,7 +25,7 @@ def calm(gui):
 def test_tour_of_look(matched, walk):
     """Every choice of the tab Look is used, after a match and during a run."""
     walk(matched, show_fields_maps_and_comparisons, switch_arrows_streaks_lines_and_points)
-    walk(matched, warn_of_a_torn_map, hide_old_numbers_during_a_run, follow_a_run_with_arrows)
+    walk(matched, warn_of_a_torn_map, follow_a_run_with_arrows)
 
 
 def show_fields_maps_and_comparisons(matched):
@@ -143,19 +143,6 @@ def warn_of_a_torn_map(matched, notes):
             count = expected if coloring != "function" else 0
             matched.wait(lambda _, count=count: len(warned()) >= count)
             assert len(warned()) == count
-
-
-def hide_old_numbers_during_a_run(matched, notes):
-    def notes_now():
-        return any(text.startswith("Residual at τ") for text, _ in notes())
-
-    matched.click("Look")
-    assert notes_now()
-    matched.session.editor.amend(parameters=ENDLESS)
-    begin(matched)
-    assert not notes_now()
-    cancel(matched)
-    assert notes_now()
 
 
 def follow_a_run_with_arrows(gui, monkeypatch):

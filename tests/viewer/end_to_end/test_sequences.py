@@ -13,7 +13,7 @@ from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.scene import NO_VALUE
+from abfm_viewer.scene.scene import FAINT_TEXT, NO_VALUE
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
@@ -259,6 +259,9 @@ def interpolate_between_frames(solved):
     solved.type("time", "1.5")
     solved.wait(lambda _: solved.window.scene.paints["advected"].kind == "texture")
     solved.choose("color by", "speed")
+    settled(solved)
+    assert shown(solved).kind == "texture"
+    solved.check("streaks", on=False)
     expected = np.linalg.norm(sequence.velocity[1], axis=1)
     np.testing.assert_allclose(shown(solved).values, expected)
     assert shown(solved).bar == "speed, in the mesh's unit per frame"
@@ -526,7 +529,7 @@ def test_tabs_of_a_sequence_fit_one_screen(tmp_path):
     sequence.save(tmp_path / "wave.npz")
     with Driver(tmp_path / "wave.npz", size=(1280, 800)) as gui:
         settled(gui)
-        assert gui.window.scene.legend() == ("spiral",)
+        gui.wait(lambda _: gui.window.scene.legend() == ("spiral", FAINT_TEXT))
         for tab in TABS:
             gui.click(tab, within="steps")
             gui.frames(3)

@@ -18,7 +18,6 @@ from abfm_viewer.document.keyboard import AXES
 from abfm_viewer.panels import cards
 from abfm_viewer.panels.right_panel import STEPS
 from abfm_viewer.widgets.containers import is_popup_open
-from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.actions import views_by_axis
 from tests.messages import check_message, raises
 from tests.shapes import torus
@@ -241,7 +240,7 @@ def hide_and_show_surfaces(gui, tmp_path):
         assert name in scene.shown
 
 
-def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
+def show_a_mesh_at_once(gui, monkeypatch, notes, tmp_path):
     """Show a mesh in grey, with a card, until its functions are computed; the view never turns."""
     may_go_on, session, scene = threading.Event(), gui.session, gui.window.scene
 
@@ -256,12 +255,8 @@ def show_a_mesh_at_once(gui, monkeypatch, tmp_path):
     assert scene.shown == SURFACES
     rotation, front = scene.view.rotation, session.surface().front
     gui.wait(lambda s: gui.window.errors or time.perf_counter() - s.functions.waiting_since > 0.5)
-    notes = []
-    monkeypatch.setattr(Ui, "note", lambda ui, text, *rest: notes.append(text))
-    gui.frames(1)
-    check_message(next(text for text in notes if "thinking" in text))
+    check_message(next(text for text, _ in notes() if "thinking" in text))
     assert not session.saves.unsaved
-    monkeypatch.undo()
     monkeypatch.setattr(cards, "_CARD_DELAY_SECONDS", 1e9)  # the card covers a surface
     bare = picture(gui, tmp_path)
     assert scene.paints == {}

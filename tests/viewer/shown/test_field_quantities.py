@@ -156,6 +156,10 @@ def test_streaks_darken_colors_of_the_function(session, shown):
     black, nowhere = np.zeros_like(white), np.zeros(len(atlas.mesh.faces))
     faint = streak_texture(atlas, black, ColoredValues(values, colors, determined=nowhere))
     np.testing.assert_allclose(faint[rows, columns], bright[rows, columns], atol=1e-6)
+    mixed = ColoredValues(values, colors, determined=nowhere + 0.25, plain=(0.2, 0.4, 0.6))
+    pale = streak_texture(atlas, white, mixed)[rows, columns]
+    expected = 0.25 * bright[rows, columns] + 0.75 * np.array([0.2, 0.4, 0.6])
+    np.testing.assert_allclose(pale, expected, atol=1e-6)
     full = streak_texture(atlas, black, ColoredValues(values, colors, determined=nowhere + 1))
     np.testing.assert_allclose(full, (1 - SHADE) * bright, atol=1e-6)
     of_faces = values[atlas.mesh.faces].mean(axis=1)
