@@ -460,8 +460,8 @@ def test_damaged_results_are_refused(saved):
 @pytest.mark.parametrize(
     ("name", "value", "named"),
     [
-        ("format_version", 11, ()),
-        ("format_version", 9, (8, 9)),
+        ("format_version", 12, ()),
+        ("format_version", 9, (9, 10)),
         ("kind", "sphere", ("sphere", "match", "sequence")),
         ("kind", "sequence", ()),
         ("has_result", False, ("result",)),
