@@ -122,7 +122,7 @@ def missing_values(functions: FunctionTerm) -> Obstacle:
         consequence = f"every exact flow has a residual of at least {_at_least(bound)}"
     else:
         consequence = (
-            "it can only squeeze the other source values to small areas; the match from target "
+            "it can only squeeze the other source values to small areas, and the match from target "
             f"to source has a residual of at least {_at_least(bound_of_reverse)}"
         )
     known = functions.areas > 0
