@@ -1,6 +1,7 @@
 """Round numbers for the ticks of axes."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -35,3 +36,13 @@ def factor_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
             if first <= factor <= last and (not factors or factor >= room * factors[-1]):
                 factors.append(factor)
     return [math.log2(factor) for factor in factors], [f"×{factor:.6g}" for factor in factors]
+
+
+def readable_ticks(places: Sequence[float], widths: Sequence[float]) -> list[int]:
+    """Return the numbers of the ticks, at ascending places, whose labels do not overlap."""
+    chosen: list[int] = []
+    for number, (place, width) in enumerate(zip(places, widths, strict=True)):
+        last = chosen[-1] if chosen else None
+        if last is None or place - places[last] >= (width + widths[last]) / 2:
+            chosen.append(number)
+    return chosen

@@ -21,15 +21,23 @@ sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")
 print(crossfiledialog.open_file(sys.argv[1], sys.argv[2], sys.argv[3:]) or "", end="")
 """
 _REMOTE_VARIABLES = ("SSH_CONNECTION", "SSH_CLIENT", "SSH_TTY", WIDGETS_VARIABLE)
+_PROGRAMS = ("zenity", "kdialog")
 _WIDTH = 420
 
 
 @cache
+def missing() -> str:
+    """Return what the dialog of the system needs on this machine; empty if it can be shown."""
+    if any(map(os.environ.get, _REMOTE_VARIABLES)):
+        return "The window must be on the screen of this machine, without SSH"
+    if find_spec("crossfiledialog") is None:
+        return "Its library is missing; install it by: pip install 'abfm[native]'"
+    has_program = sys.platform in ("win32", "darwin") or any(map(shutil.which, _PROGRAMS))
+    return "" if has_program else f"One of the programs {' and '.join(_PROGRAMS)} is needed"
+
+
 def is_available() -> bool:
-    """Return whether the system can show its file dialog on the screen of the user."""
-    if find_spec("crossfiledialog") is None or any(map(os.environ.get, _REMOTE_VARIABLES)):
-        return False
-    return sys.platform in ("win32", "darwin") or any(map(shutil.which, ("zenity", "kdialog")))
+    return not missing()
 
 
 @dataclass(eq=False)

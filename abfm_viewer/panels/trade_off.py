@@ -12,7 +12,7 @@ import abfm
 from abfm import ParameterError
 from abfm.types import FloatArray
 from abfm.wording import factor, share
-from abfm_viewer.appearance.axes import factor_ticks
+from abfm_viewer.appearance.axes import factor_ticks, readable_ticks
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -35,6 +35,8 @@ LIMIT = "Limit distortion"
 _STOP = "Stop limiting"
 _LIMIT_TIP = "Find the field of smallest residual within the bound."
 _AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
+_LABEL_GAP = 10
+_AXIS_WIDTH = 80  # of the vertical axis with its labels, in pixels at a scale of 1
 _PRESENT_RESIDUAL = "present iteration"
 _OTHER_ATTEMPTS = "other attempts"
 # markers of the residual are drawn over the larger ones of the residual along flow lines
@@ -128,6 +130,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
     marks |= {_PRESENT_RESIDUAL: present} if len(now) else {}
     marks |= {_OTHER_ATTEMPTS: muted} if others else {}
     plots.legend(ui, marks | ({} if chosen is None else {_SOLVER_CHOICE: choice}))
+    width = imgui.GetContentRegionAvail()[0]
     with plots.plot(ui, "trade-off plot") as is_drawn:
         if not is_drawn:
             return
@@ -135,7 +138,11 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         curves = (by_flow, by_lines, now, *(each[1] for each in others))
         plots.set_up("areas change by a factor of", ends, curves)
         ticks, factors = factor_ticks(low, high)
-        implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), factors)
+        unit = (width - ui.px(_AXIS_WIDTH)) / (ends[1] - ends[0])
+        widths = [ui.text_width(label) + ui.px(_LABEL_GAP) for label in factors]
+        kept = readable_ticks([unit * tick for tick in ticks], widths)
+        shown_ticks = np.array([ticks[number] for number in kept])
+        implot.SetupAxisTicks(implot.ImAxis_X1, shown_ticks, [factors[number] for number in kept])
         if chosen is not None:
             plots.vertical_lines("##chosen", [float(areas[chosen])], *choice[:2])
         if len(now):

@@ -87,6 +87,11 @@ class Editor:
         if self.past:
             self.past[-1] = self.past[-1]._replace(merge="")
 
+    def join_steps(self) -> None:
+        """Make one step of undo from the last two."""
+        *self.past, first, last = self.past
+        self.past.append(first._replace(label=last.label))
+
     def undo(self) -> None:
         self._move(self.past, self.future)
 

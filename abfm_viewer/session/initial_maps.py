@@ -25,6 +25,7 @@ from abfm_viewer.document.surface_points import landmark_pairs
 from abfm_viewer.session.functions import DocumentFunctions
 
 if TYPE_CHECKING:
+    from abfm.registration.correspondence import Candidate
     from abfm.registration.initial.map_input import Initial, MapInput
 
 _FIRST_WORD = "closest"  # method of the map that is shown while others are compared
@@ -79,6 +80,8 @@ class InitialMaps:
         self._latest_map: tuple[tuple[object, ...], Initial] | None = None
         self._process = process
         self._maps: Memo[Initial] = Memo()
+        self._automatic: Memo[Initial] = Memo()  # the best of all maps, kept during other choices
+        self._compared: tuple[object, tuple[Candidate, ...]] = None, ()
         self._first_maps: Memo[Initial] = Memo()
         self._of_result = Memo[PreparedMap]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
@@ -123,8 +126,9 @@ class InitialMaps:
         given_map = present if document.initial == GIVEN_WORD else None
         choice = _MapChoice(a, b, given_map or document.initial)
         request = document.map_request
+        maps = self._maps if document.initial else self._automatic
         found = self._prepared.newest(
-            wanted, self._prepare, self._control, self._maps, choice, given, request
+            wanted, self._prepare, self._control, maps, choice, given, request
         )
         if found is not None or document.initial or not self._prepared.busy:
             return found
@@ -132,6 +136,14 @@ class InitialMaps:
         return self._first.newest(
             wanted, self._prepare, self._control, self._first_maps, choice, given, request
         )
+
+    def compared(self, document: PairDocument) -> tuple[Candidate, ...]:
+        """Return the maps that the automatic choice compared for these functions, best first."""
+        prepared, given = self.prepared(document), self._given(document)
+        key = document.surfaces, given and given._replace(landmarks=())
+        if document.initial == "" and prepared is not None:
+            self._compared = key, prepared.initial.correspondence.candidates
+        return self._compared[1] if same(self._compared[0], key) else ()
 
     def flow_values(self, document: PairDocument, side: Side) -> FloatArray | None:
         """Return the active source or target as matched on surface B, (V,); None until known.
@@ -236,7 +248,7 @@ class InitialMaps:
             return self._process.solve(_find_map, word, inputs, tries=2)
 
         found = maps.get((a, b, word, *used), find)
-        if maps is self._maps:
+        if maps is not self._first_maps:
             self._latest_map = key, found
         return found
 

@@ -58,6 +58,8 @@ class Session(Parts):
             SequenceDocument: self._sequence_document,
         }
         self._needed: tuple[object, ...] = ()
+        # the document whose match starts when its initial map is found, and from which field
+        self._waiting: tuple[Identity, bool] | None = None
         self._last_update = clock.perf_counter()
 
     @property
@@ -257,9 +259,15 @@ class Session(Parts):
         """Start a run of the solver, unless one is running; if it cannot start, show the reason.
 
         If ``from_current_field``, the run starts from the field of the result, otherwise from zero.
+        Placing of landmarks stops, and the run starts when the initial map by them is found.
         """
         if self.solver.running:
             return
+        if self.view.tool == "landmark":
+            self.editor.switch_placing()
+            if self.obstacle and not self.work.blocking_problem:
+                self._waiting = self.document.identity, from_current_field
+                return
         if opening := self.loading.replacing:
             text = f"no match yet: {opening}, which will replace {self.document.name}"
             self.notices.show(text)
@@ -312,12 +320,23 @@ class Session(Parts):
         self.bound.update()
         self._find_defaults()
         self.work.follow()
+        self._match_when_possible()
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
             self.editor.amend(time=self.work.next_time(elapsed))
         self.solver.collect()
         self._release_unused()
+
+    def _match_when_possible(self) -> None:
+        if self._waiting is None:
+            return
+        identity, from_current_field = self._waiting
+        if identity is not self.document.identity or self.view.tool == "landmark":
+            self._waiting = None
+        elif not self.obstacle or self.work.blocking_problem:
+            self._waiting = None
+            self.match(from_current_field)
 
     def _release_unused(self) -> None:
         """Free the memory of meshes that undo, unsaved documents and the run do not need."""

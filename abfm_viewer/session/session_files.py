@@ -165,6 +165,8 @@ class SessionFiles:
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         # files of documents: the mesh alone, or with a second mesh or frames
         self._paths: WeakKeyDictionary[Identity, tuple[Path, ...]] = WeakKeyDictionary()
+        # `Editor.action_count` after the first of two files was opened
+        self._opened_first = -1
         self.waiting: Load | None = None  # request that waits for the end of the run
         # offered if a file cannot be read or written, by labels such as `OTHER_MESH`
         self.file_actions: dict[str, Action] = {}
@@ -299,6 +301,7 @@ class SessionFiles:
     def _open_both(self, mesh: Path, second: Path, then: Callable[[Path], None]) -> None:
         def show(path: Path, found: TriangleMesh) -> None:
             self._show_mesh(path, found)
+            self._opened_first = self._session.editor.action_count
             then(second)
 
         read, source = partial(self._read, mesh, show), (Origin.of(mesh), second)
@@ -539,7 +542,10 @@ class SessionFiles:
         mesh = self._paths.get(self._session.document.identity, ())[:1] if adds else ()
         if any(one.name.lower().endswith((PROJECT, RESULT)) for one in mesh):
             mesh = ()
+        is_one_step = adds and self._opened_first == self._session.editor.action_count
         show()
+        if is_one_step:
+            self._session.editor.join_steps()
         self._session.notices.resolve(OPENING)
         self.record_paths(*mesh, path)
         back = f" Undo returns to {previous}, which was not saved." if unsaved else ""

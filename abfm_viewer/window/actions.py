@@ -22,10 +22,11 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME
+from abfm_viewer.window.tour import Tour
 
 _ESCAPE = (
-    "in this order: close a menu, dismiss a message, show all surfaces, cancel the match (Continue "
-    "resumes from the best field)"
+    "in this order: close a menu, end the tour, dismiss a message, show all surfaces, cancel the "
+    "match (Continue resumes from the best field)"
 )
 _QUIT = "Save before closing?"
 _MOUSE = (
@@ -107,7 +108,7 @@ class Actions:
     """Actions of the window, as attributes; `all` has them in the order of the list in Help.
 
     ``over`` returns the surface under the mouse, ``close`` closes the window without a question,
-    ``search`` opens the search of actions, and ``start_tour`` starts the tour.
+    ``search`` opens the search of actions, and ``tour`` is the tour of the window.
     """
 
     def __init__(
@@ -116,10 +117,10 @@ class Actions:
         over: Callable[[], str],
         close: Callable[[], None],
         search: Callable[[], None],
-        start_tour: Callable[[], None],
+        tour: Tour,
     ) -> None:
         self.context, self._over, self._close = context, over, close
-        self.start_tour = start_tour
+        self.tour = tour
         self._waiting: Action | None = None
         self._last_box = ""  # text box that gets the keyboard back after a save
         self._session, self._files, self._dialogs = context.session, context.files, context.dialogs
@@ -313,7 +314,9 @@ class Actions:
 
     def _escape(self) -> None:
         view, notices = self._session.view, self._session.notices
-        if notices.cards:
+        if self.tour.title:
+            self.tour.skip()
+        elif notices.cards:
             notices.dismiss(notices.cards[0])
         elif view.enlarged in view.shown_surfaces and len(view.shown_surfaces) > 1:
             self._session.editor.amend(view=replace(view, enlarged=""))

@@ -30,10 +30,6 @@ _TABLES = (
     "summary.csv, or rows.json in the folder ledger. A folder can also be dropped on the window."
 )
 _NATIVE_TIP = "Open files in the dialog of the system. Saving uses the dialog of the app."
-_NO_NATIVE_TIP = (
-    "The dialogs of the system need a screen on this machine, and on Linux zenity or kdialog. "
-    "Install their library by: pip install 'abfm[native]'."
-)
 _FINER_TIP = (
     "Show the functions of a match on the finer mesh on which it was found, without streaks. "
     "Everything else stays on the mesh itself; clicks and drags also refer to it."
@@ -110,7 +106,7 @@ def _native_dialogs(ui: Ui, context: Context) -> None:
     is_on = preferences.now.native_dialogs and available
     if menu_item(ui, "Native file dialogs", checked=is_on, enabled=available):
         preferences.change(native_dialogs=not preferences.now.native_dialogs)
-    ui.tip(_NATIVE_TIP if available else _NO_NATIVE_TIP)
+    ui.tip(_NATIVE_TIP if available else f"{_NATIVE_TIP}\n\n{native_dialog.missing()}.")
 
 
 def _second_surface(ui: Ui, actions: Actions) -> None:
@@ -238,7 +234,7 @@ def _choices(ui: Ui, session: Session, label: str, name: str, choices: dict[str,
 
 def _help(ui: Ui, actions: Actions) -> None:
     if menu_item(ui, "Tour"):
-        actions.start_tour()
+        actions.tour.start()
     _items(ui, {"Search actions...": actions.search, "Shortcuts": actions.show_shortcuts})
     if menu_item(ui, "Messages"):
         actions.show_messages()

@@ -34,6 +34,7 @@ class _Stop(NamedTuple):
     targets: tuple[str, ...]
     section: str = ""
     tab: str = ""  # that is opened first
+    of_frames: bool | None = None  # whether it is for sequences only, or not for them
     state: Callable[[Context], object] | None = None
 
 
@@ -52,12 +53,21 @@ _STOPS = (
         ("family", "vertex map", "spec"),
         section="source",
         tab="Functions",
+        of_frames=False,
         state=lambda context: context.session.document.channels,
     ),
     _Stop(
+        "Frames",
+        "Open frames: one function at several times. Flows are found between consecutive frames.",
+        ("Open mesh...", "Open frames..."),
+        section="Functions",
+        tab="Functions",
+        of_frames=True,
+    ),
+    _Stop(
         "Match them",
-        "Press this button. The solver finds a flow that moves the source to the target. A small "
-        "mesh takes seconds.",
+        "Press this button. The solver finds a flow between the functions. A small mesh takes "
+        "seconds.",
         ("Match", "Match again", "Continue", "Match all frames"),
         state=lambda context: context.session.result,
     ),
@@ -97,6 +107,7 @@ class Tour:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._stops: list[_Stop] = []  # that are not finished
+        self._count = 0  # of all stops
         self._before: object = None
         self.place = self.target = (0.0, 0.0, 0.0, 0.0)
 
@@ -106,7 +117,13 @@ class Tour:
 
     def start(self) -> None:
         self._context.preferences.change(tour_seen=True)
-        self._go_to([*_STOPS])
+        left_out = self._context.session.document.has_sides
+        stops = [stop for stop in _STOPS if stop.of_frames is not left_out]
+        self._count = len(stops)
+        self._go_to(stops)
+
+    def skip(self) -> None:
+        self._stops = []
 
     def draw(self, parts: Mapping[str, Rect]) -> None:
         """Draw the present card, unless a dialog is open. Call at the end of a frame."""
@@ -150,16 +167,19 @@ class Tour:
         height = self.place[3] - self.place[1] or ui.px(_HEIGHT)
         area = panel if target[0] >= panel[0] else None
         left, top = placement.beside(target, area, window, (width, height), ui.px(_GAP))
+        if SCENE in self._stops[0].targets:  # below the surfaces, next to the colour bar
+            left, top = target[2] - width - ui.px(_GAP), target[3] - height - ui.px(_GAP)
         with card(ui, "tour", (left, top + height, width), ui.colors.accent, window[3] - window[1]):
-            number = len(_STOPS) - len(self._stops) + 1
-            ui.line(f"{stop.title}  ({number} of {len(_STOPS)})", "muted")
+            number = self._count - len(self._stops) + 1
+            ui.line(f"{stop.title}  ({number} of {self._count})", "muted")
             ui.note(stop.text, "ink")
             is_last = len(self._stops) == 1
             if ui.button("Done" if is_last else "Next", "Continue the tour.", primary=True):
                 self._go_to(self._stops[1:])
             ui.same_line()
-            if not is_last and ui.button("Skip tour", "End it. The menu Help starts it again."):
-                self._stops = []
+            tip = f"End it ({hint('cancel')}). The menu Help starts it again."
+            if not is_last and ui.button("Skip tour", tip):
+                self.skip()
             height = float(imgui.GetWindowHeight())
         self.place = (left, top, left + width, top + height)
         corners = (target[0] - 2, target[1] - 2), (target[2] + 2, target[3] + 2)

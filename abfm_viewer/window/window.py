@@ -164,7 +164,7 @@ class Window(Context):
         self.search, self.tour = Search(self, self._draw_unseen), Tour(self)
         self.mouse = Mouse()
         over, search = (lambda: self.mouse.over), self.search.open
-        self.actions = Actions(self, over, self._end, search, self.tour.start)
+        self.actions = Actions(self, over, self._end, search, self.tour)
         self.files.file_actions[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0  # number of drawn frames
         self.errors: dict[str, str] = {}  # of the latest frame, by part of the window

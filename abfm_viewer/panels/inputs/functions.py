@@ -34,6 +34,8 @@ _ADD_CHANNEL = (
     "Add another pair of functions that the same flow matches. It starts with a fixed Gaussian "
     "far from all others."
 )
+_REMOVE_CHANNEL = "Remove the active channel."
+_ONLY_CHANNEL = "The only channel cannot be removed."
 _CIRCULAR_TIP = (
     "The values are phases, which repeat after a period. Compare their cosine and sine, as two "
     "channels, instead of the values."
@@ -147,7 +149,7 @@ def _draw_channels(context: Context) -> None:
     buttons = (
         ("Add channel", _ADD_CHANNEL, editor.add_channel),
         ("Duplicate", "Copy the active channel.", editor.duplicate_channel),
-        ("Remove", "Remove the active channel.", editor.remove_channel),
+        ("Remove", _REMOVE_CHANNEL if several else _ONLY_CHANNEL, editor.remove_channel),
         ("Swap", "Exchange the active channel's source and target.", editor.swap_channel),
     )
     for label, tip, do in buttons:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from abfm.reading import VALUES_ENDINGS
 from abfm.wording import sentence
@@ -17,17 +16,11 @@ _MAP_TIP = (
     "Map from each point of B to A before the flow. The flow on B corrects its remaining errors."
 )
 _MIRRORED_TIP = "Mirror A first, for example to register a left to a right side."
-_SECOND_TIP = (
-    "Take the second best initial map, and show the functions that it transfers. Undo returns to "
-    "the best one."
-)
+_BEST_TIP = "Show the functions that the best initial map transfers, and match with it."
+_SECOND_TIP = "Show the functions that the second best map transfers, and match with it."
 _STEP = "change the initial map"
 _MIRROR = "mirror"
 _FILE = "file"
-
-
-if TYPE_CHECKING:
-    from abfm.registration.correspondence import Candidate
 
 
 class _Choice(NamedTuple):
@@ -125,23 +118,27 @@ def draw_notes(context: Context) -> None:
     """Draw notes and warnings about the initial map, or the reason why there is no initial map."""
     session = context.session
     if session.initial_maps.waits_for_placing(context.document(PairDocument)):
-        context.ui.note("The initial map is found anew when placing stops.")
+        context.ui.note("The initial map is found anew when placing stops or a match starts.")
     if session.work.prepared is not None:
         for note in session.work.prepared.initial.notes:
             context.ui.note(sentence(note))
         for warning in session.work.prepared.initial.warnings:
             context.ui.note(sentence(warning), "warning")
-        _draw_runner_up(context, session.work.prepared.initial.correspondence.candidates)
     elif error := session.initial_maps.error:
         context.ui.note(f"No initial map: {error}", "failure")
+    _draw_best_two(context)
 
 
-def _draw_runner_up(context: Context, candidates: Sequence[Candidate]) -> None:
-    """Draw a button that takes the second best initial map and shows its transfer."""
-    if context.document(PairDocument).initial == "" and len(candidates) > 1:
-        name = candidates[1].name
-        if context.ui.button(f"Use {name}###second best map", _SECOND_TIP):
-            context.session.editor.change(_STEP, initial=name)
+def _draw_best_two(context: Context) -> None:
+    """Draw a choice between the best two initial maps, and show what the chosen one transfers."""
+    document = context.document(PairDocument)
+    candidates = context.session.initial_maps.compared(document)[:2]
+    words = ["", *(each.name for each in candidates[1:])]
+    if len(words) > 1 and document.initial in words:
+        labels = [f"{each.name}, cost {each.cost:.2f}" for each in candidates]
+        now = labels[words.index(document.initial)]
+        chosen = context.ui.radio(labels, now, [_BEST_TIP, _SECOND_TIP])
+        context.session.editor.change(_STEP, initial=words[labels.index(chosen)])
 
 
 def _choose(context: Context, choice: _Choice, files: tuple[str, ...]) -> None:

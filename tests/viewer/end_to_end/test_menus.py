@@ -335,6 +335,8 @@ def take_the_tour(gui):
     window, tour, begun = gui.window, gui.window.tour, gui.session.view
     gui.menu("Help", "Tour")
     assert window.preferences.now.tour_seen
+    gui.frames(2)
+    assert tour.place[2] < window.parts.panel[0]  # the button Match is visible
     gui.input.drag((100, 200), (130, 210))
     gui.frames(2)
     assert gui.session.view.viewpoint != begun.viewpoint
@@ -354,6 +356,9 @@ def take_the_tour(gui):
     assert tour.title == ""
     gui.menu("Help", "Tour")
     gui.click("Skip tour")
+    assert tour.title == ""
+    gui.menu("Help", "Tour")
+    gui.key("escape")
     assert tour.title == ""
     tour.start()
     for _ in range(7):

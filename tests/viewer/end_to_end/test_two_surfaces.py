@@ -135,8 +135,13 @@ def choose_the_initial_map(gui, files, notes):
     assert initial.to_vertices()[1] == 1
     initial.candidates = (Candidate("connectivity", 2.0), Candidate("sphere:mirror", 2.5))
     gui.frames(2)
-    gui.click("second best map")
+    gui.click("sphere:mirror, cost 2.50")
     assert session.document.initial == "sphere:mirror"
+    gui.frames(2)
+    gui.click("connectivity, cost 2.00")
+    assert session.document.initial == ""
+    gui.wait(lambda s: not s.obstacle)
+    assert session.work.prepared.initial.correspondence.to_vertices()[1] == 1
     gui.choose("initial map", "spheres from files...")  # and methods that take some time
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)

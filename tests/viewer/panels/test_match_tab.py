@@ -91,6 +91,11 @@ def test_axis_of_areas_has_round_factors(ends, factors):
     assert labels == [f"×{factor:g}" for factor in factors]
 
 
+def test_labels_of_ticks_do_not_overlap():
+    assert axes.readable_ticks([0, 30, 60, 90, 120], [50] * 5) == [0, 2, 4]
+    assert axes.readable_ticks([0, 30, 60], [30, 30, 20]) == [0, 1, 2]
+
+
 @pytest.mark.parametrize(
     ("areas", "ends"),
     [([0.5, 0.1], (0, 0.5)), ([1.3, np.nan, 1.4], (1.3, 1.4)), ([np.nan], (0, 0.01))],

@@ -548,3 +548,5 @@ def test_meshes_and_frames_opened_together_are_one_recent_entry(desk, tmp_path):
         desk.files.open_together(paths)
         until(lambda name=name: desk.session.document.name == name, desk)
     assert desk.state.recent()[0] == (a, b)
+    desk.session.undo()  # one step
+    assert desk.session.document.name == "waves.npy on a.off"
