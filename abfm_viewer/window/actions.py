@@ -108,7 +108,7 @@ class Actions:
     """Actions of the window, as attributes; `all` has them in the order of the list in Help.
 
     ``over`` returns the surface under the mouse, ``close`` closes the window without a question,
-    ``search`` opens the search of actions, and ``tour`` is the tour of the window.
+    ``search`` opens the search of actions. ``tour`` is the tour of the window.
     """
 
     def __init__(
