@@ -117,6 +117,7 @@ def draw(context: Context) -> None:
 def draw_notes(context: Context) -> None:
     """Draw notes and warnings about the initial map, or the reason why there is no initial map."""
     session = context.session
+    _draw_best_two(context)
     if session.initial_maps.waits_for_placing(context.document(PairDocument)):
         context.ui.note("The initial map is found anew when placing stops or a match starts.")
     if session.work.prepared is not None:
@@ -126,7 +127,6 @@ def draw_notes(context: Context) -> None:
             context.ui.note(sentence(warning), "warning")
     elif error := session.initial_maps.error:
         context.ui.note(f"No initial map: {error}", "failure")
-    _draw_best_two(context)
 
 
 def _draw_best_two(context: Context) -> None:
