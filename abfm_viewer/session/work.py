@@ -456,10 +456,12 @@ class PairWork(MatchWork):
     @property
     def obstacle(self) -> str:
         maps = self.parts.initial_maps
+        if obstacle := super().obstacle:
+            return obstacle
+        prepared = self.prepared  # may start a computation
         is_computing = maps.busy and not self.parts.solver.running
-        if not (obstacle := super().obstacle) and (self.prepared is None or is_computing):
-            return maps.error or "the initial map is being computed"
-        return obstacle
+        known = prepared is not None and not is_computing
+        return "" if known else maps.error or "the initial map is being computed"
 
     @property
     def blocking_problem(self) -> str:

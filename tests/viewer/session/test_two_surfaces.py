@@ -151,15 +151,19 @@ def test_initial_map_waits_until_placing_stops():
     assert not choose(2 * (pair,), "nothing")
 
 
-def test_match_stops_placing_and_finds_the_map_first(pair):
+def test_match_stops_placing_and_finds_the_map_first(pair, held):
     pair.editor.switch_placing()
     pair.update()
     for side in ("source", "target"):
         pair.editor.place_landmark(side, Point(0, (1.0, 0.0, 0.0)))
     ready(pair)
     assert pair.initial_maps.waits_for_placing(pair.document)
+    _, may_end = held(abfm.registration, "prepare")
     pair.match()
+    pair.update()
     assert pair.view.tool == "nothing"
+    assert not pair.solver.running
+    may_end.set()
     until(lambda: pair.result is not None and not pair.solver.running, pair)
     assert pair.document.initial_map.request.landmarks == pair.document.pairs
     assert not pair.outdated
