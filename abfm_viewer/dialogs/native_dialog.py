@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -69,12 +70,19 @@ class NativeDialog:
     def close(self) -> None:
         if (process := self._process) is not None:
             if process.poll() is None:
-                process.terminate()
+                if sys.platform == "win32":
+                    process.terminate()
+                else:  # also the program that shows the dialog
+                    os.killpg(process.pid, signal.SIGTERM)
             process.communicate()
 
     def _start(self) -> None:
-        patterns = [f"*{form}" for each in self.suffixes for form in {each, each.upper()}]
+        patterns = [f"*{form}" for each in self.suffixes for form in (each, each.upper())]
         command = [sys.executable, "-c", _SCRIPT, self.title, str(self.folder), *patterns]
         self._process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )

@@ -1,3 +1,4 @@
+import time
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,16 @@ def open_by_the_dialog_of_the_system(gui, tmp_path, sphere_file, monkeypatch):
     gui.menu("File", "Open mesh...")
     gui.wait(lambda _: "folder" in gui.labels())
     gui.key("esc")
+    assert not gui.window.dialogs.is_open
+    begun, child = tmp_path / "begun", "[sys.executable, '-c', 'import time; time.sleep(60)']"
+    text = f"import pathlib, subprocess, sys\ndef open_file(*_):\n    subprocess.Popen({child})\n"
+    text += f"    pathlib.Path({str(begun)!r}).touch()\n    import time; time.sleep(60)\n"
+    (library / "crossfiledialog.py").write_text(text)
+    gui.menu("File", "Open mesh...")
+    gui.wait(lambda _: begun.exists())
+    start = time.monotonic()
+    gui.key("esc")  # also ends the program that the library started
+    assert time.monotonic() - start < 30
     assert not gui.window.dialogs.is_open
 
 
