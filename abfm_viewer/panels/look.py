@@ -74,7 +74,6 @@ def draw_coloring(context: Context) -> None:
     chosen = ui.combo("color by", now, _COLORINGS, tip)
     kind = "full" if is_full else "robust"
     kind = ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}")
-    draw_help(context, "colour range", "speed", "area change")
     set_view(f"color by {chosen}", coloring=chosen)
     set_view("change the range", full_range=kind == "full")
     if chosen == "labels":
@@ -177,7 +176,7 @@ def draw_compare(context: Context) -> None:
 
 def draw_numbers(context: Context) -> None:
     context.ui.heading("in numbers", buttons=[HELP_TEXT])
-    topics = "residual", "speed", "area change", "folded faces", "round trip"
+    topics = "residual", "speed", "area change", "colour range", "folded faces", "round trip"
     draw_help(context, *topics, name="Explain numbers", after_heading=True)
     for draw_some in (_range, _error, _field, _map, _points):
         draw_some(context)

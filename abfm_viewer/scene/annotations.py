@@ -337,8 +337,8 @@ def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
     paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
-    left, gap, count = rect[0] + _MARGIN * pen.scale, _BAR_GAP * pen.scale, max(len(ranges), 1)
-    width_max = (rect[2] - _MARGIN * pen.scale - left - (count - 1) * gap) / count
+    left, gap = rect[0] + _MARGIN * pen.scale, _BAR_GAP * pen.scale
+    end = rect[2] - _MARGIN * pen.scale
     bottom = rect[3] - (_GAP_BELOW + _GAP) * pen.scale - pen.line
     covered = bars_height(pen, rect[3] - rect[1])
     if covered < 2 * pen.line:
@@ -347,8 +347,10 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
         return bars_in_one_line(ranges, line, pen)
     found: list[Part] = []
     top = bottom - _BAR_HEIGHT * pen.scale
-    for title, colors in ranges.items():
-        right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), max(width_max, gap))
+    for number, (title, colors) in enumerate(ranges.items()):
+        others = len(ranges) - number - 1
+        width_max = max((end - left - others * gap) / (others + 1), gap)
+        right = left + min(max(_BAR_WIDTH * pen.scale, pen.width(title)), width_max)
         found += bar_parts(title, colors, (left, top, right, bottom), pen)
         left = right + gap
     return found

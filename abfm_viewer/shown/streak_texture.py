@@ -66,8 +66,8 @@ def _draw(
 
     ``owners`` are the faces of the texels. For each face, ``of_faces`` has two affine functions
     of the texel, (F, 3). The value of the first is a row of ``tables``, or the last row if it is
-    NaN. The second is the contrast of the streaks, from 0 to 1, and the share of the first table;
-    the rest is the share of the second table.
+    NaN. The second is the contrast of the streaks, from 0 to 1. It is also the share of the first
+    table in the colours; the rest is the share of the second table.
     ``shades`` are the darkening where the image is 0, and the brightening per unit of the image.
     This is a compiled kernel because the window draws while it runs.
     """

@@ -64,10 +64,9 @@ def draw_mesh(context: Context) -> None:
 def draw_meshes(context: Context) -> None:
     """Draw the name and size of both surfaces, and the initial map between them."""
     surfaces = context.session.document.surfaces
-    first, second = (f"{a}: {each.name}" for a, each in zip("AB", surfaces, strict=True))
-    second += "; {:,} and {:,} vertices".format(*(len(each.mesh.vertices) for each in surfaces))
-    tips = [f"{_size(surface.mesh)}. {_area(surface.mesh)}" for surface in surfaces]
-    _draw_meshes(context, first, (second, "ink"), tips)
+    names = ", ".join(f"{a}: {each.name}" for a, each in zip("AB", surfaces, strict=True))
+    tips = (f"{each.name}: {_size(each.mesh)}. {_area(each.mesh)}" for each in surfaces)
+    _draw_meshes(context, "", (names, "ink"), ["", "\n\n".join(tips)])
     initial_map.draw(context)
 
 

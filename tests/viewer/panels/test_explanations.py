@@ -24,6 +24,6 @@ def topics_in(path):
 
 def test_topics_of_all_buttons_have_a_section():
     folder = Path(panels.__file__).parent
-    found = {topic for path in folder.glob("*.py") for topic in topics_in(path)}
+    found = {topic for path in folder.rglob("*.py") for topic in topics_in(path)}
     assert {"residual", "trade-off", "initial-map cost", "uncertainty", "colour range"} <= found
     assert found - {*explanations.names()} == {"muted", "warning"} - {*Outcome}
