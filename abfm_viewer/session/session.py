@@ -267,6 +267,7 @@ class Session(Parts):
             self.editor.switch_placing()
             if self.obstacle and not self.work.blocking_problem:
                 self._waiting = self.document.identity, from_current_field
+                self.notices.show("the match starts when the initial map is found")
                 return
         if opening := self.loading.replacing:
             text = f"no match yet: {opening}, which will replace {self.document.name}"

@@ -60,6 +60,7 @@ def test_tour_of_opened_frames(gui, walk):
 
 def test_tour_of_frames(opened, tmp_path, walk):
     """Frames are viewed before their match, matched, and viewed in all ways afterwards."""
+    take_the_tour(opened)
     show_frames_blended(opened)
     step_between_frames(opened)
     pause_and_cancel_the_run(opened, tmp_path)
@@ -68,6 +69,18 @@ def test_tour_of_frames(opened, tmp_path, walk):
     interpolate_between_frames(opened)
     walk(opened, draw_tracks, follow_points_and_lines, click_on_the_plot)
     walk(opened, match_two_frames, change_parameters, write_all_files)
+
+
+def take_the_tour(gui):
+    """Check that the tour explains frames instead of two functions."""
+    tour = gui.window.tour
+    gui.menu("Help", "Tour")
+    gui.click("Next", within="tour")
+    gui.frames(2)
+    assert tour.title == "Frames"
+    assert tour.target[2] < gui.window.parts.panel[2] - 5  # not the complete panel
+    gui.key("escape")
+    assert tour.title == ""
 
 
 def pause_and_cancel_the_run(opened, tmp_path):
