@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
@@ -17,7 +16,11 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import WIDGETS_VARIABLE
 
 _SCRIPT = """
-import sys, crossfiledialog
+import os, signal, sys
+if os.name == "posix":  # end also the program that shows the dialog
+    os.setpgrp()
+    signal.signal(signal.SIGTERM, lambda *_: os.killpg(0, signal.SIGKILL))
+import crossfiledialog
 sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")
 print(crossfiledialog.open_file(sys.argv[1], sys.argv[2], sys.argv[3:]) or "", end="")
 """
@@ -70,10 +73,7 @@ class NativeDialog:
     def close(self) -> None:
         if (process := self._process) is not None:
             if process.poll() is None:
-                if sys.platform == "win32":
-                    process.terminate()
-                else:  # also the program that shows the dialog
-                    os.killpg(process.pid, signal.SIGTERM)
+                process.terminate()
             process.communicate()
 
     def _start(self) -> None:
@@ -84,5 +84,4 @@ class NativeDialog:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,
         )

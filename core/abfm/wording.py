@@ -30,6 +30,11 @@ def counted(number: int | np.integer[Any], noun: str, plural: str = "") -> str:
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
+def farthest_of(number: int, noun: str) -> str:
+    """Return the subject of a sentence: ``landmark`` or ``farthest of 3 landmarks``."""
+    return noun if number == 1 else f"farthest of {counted(number, noun)}"
+
+
 def share(value: float, is_short: bool = False) -> str:
     """Return a share as text in percent: ``0.7%``, ``2.6%``, ``33%``.
 

@@ -152,6 +152,7 @@ POWERS = {
     "indicator:vertex={a},radius=0.2": (0, 0.0),
     "permuted:mirror(geodesic:vertex={a})": (1, SPECTRAL),
     "scaled:2(geodesic:vertex={a})": (1, SPECTRAL),
+    "smoothed:0.1(geodesic:vertex={a})": (1, SPECTRAL),
     "circular:part=sine(gaussian:vertex={a},width=0.2)": (0, SPECTRAL),
 }
 FACE = face(1)

@@ -18,6 +18,7 @@ from abfm.explanations import slug
 from abfm.functions import families
 from abfm.matching.task import MatchTask
 from abfm.parameters import FIELDS, MAIN_FIELDS
+from abfm.wording import share
 from abfm.workers import progress
 from abfm.workers.progress import Step
 from abfm_viewer.cli import commands, main
@@ -274,7 +275,7 @@ def test_match_prints_the_outcome_and_advice(tmp_path, abfm):
     lines = abfm("info {t}/m.npz").out.splitlines()
     assert lines[-1] == explain
     match = load(tmp_path / "m.npz")
-    check_names(lines[2], f"{match.residual:.3g}", f"{match.verified_residual:.3g}")
+    check_names(lines[2], share(match.residual), share(match.verified_residual))
 
 
 def test_explain_lists_all_sections_and_refuses_others(abfm):

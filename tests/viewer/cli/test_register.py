@@ -67,7 +67,7 @@ def test_registration_is_printed_and_written(files, abfm, tmp_path):
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "r.csv"), found.to_vertices())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<dt>A covered</dt>" in page
-    abfm("render {t}/r.npz --out {t}/r.png --size 320x240 --transparent")
+    abfm("render {t}/r.npz --out {t}/r.png --size 320x240 --background transparent")
     abfm("render {t}/r.npz --out {t}/z.html --up z")
     text = (tmp_path / "z.html").read_text(encoding="utf-8")
     shown = json.loads(re.search(r'id="page">(.*?)</script>', text).group(1))

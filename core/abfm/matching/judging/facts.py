@@ -12,7 +12,7 @@ from abfm.matching.solving.record import StopReason
 from abfm.outcome import Facts, Outcome, WarningTopic, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
-from abfm.wording import counted, factor, share
+from abfm.wording import counted, factor, farthest_of, share
 
 LOG2_AREA_GOOD = 1.0
 """Largest 95th percentile of ``|log2 J|`` without a warning; 1 is a factor of 2 in area."""
@@ -105,10 +105,10 @@ class Report:
 
     def _landmarks(self, is_short: bool) -> str:
         errors = self._errors
-        farthest, count = float(errors.max()), counted(len(errors), "landmark")
+        farthest = float(errors.max())
         if not math.isfinite(farthest):
-            return f"errors of {count} unknown"
-        return f"farthest of {count} {share(farthest, is_short)} away"
+            return f"errors of {counted(len(errors), 'landmark')} unknown"
+        return f"{farthest_of(len(errors), 'landmark')} {share(farthest, is_short)} away"
 
     @property
     def _errors(self) -> FloatArray:

@@ -16,7 +16,7 @@ from abfm.matching.terms.landmarks import MATCHED_ERROR, residual_of_errors
 from abfm.outcome import RESIDUAL_NEARLY, VERDICTS, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
-from abfm.wording import counted, factor, share
+from abfm.wording import factor, farthest_of, share
 
 RESIDUAL_REGISTERED = 0.95
 """Largest residual with the verdict "registered". Unrelated functions have a residual of 1."""
@@ -367,9 +367,8 @@ class _Case:
         """Return ``change`` with landmark errors, or only these if no functions are matched."""
         assert self.evidence.landmarks is not None
         first, last = (100 * float(errors.max()) for errors in self.evidence.landmarks)
-        count = len(self.evidence.landmarks[0])
-        farthest = f"the farthest of {counted(count, 'landmark')}"
-        words = f"{farthest} is {last:.2g}% of sqrt(area) from its target"
+        farthest = farthest_of(len(self.evidence.landmarks[0]), "landmark")
+        words = f"the {farthest} is {last:.2g}% of sqrt(area) from its target"
         if self.functions.is_constant:
             return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"
