@@ -41,7 +41,8 @@ from tests.viewer.cli.batches import (
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _STOPPED = ("stopping with the best", "stopping with the finished", "abfm: interrupted")
-_PROGRESS = ("iteration ", "compiling", "note: ")
+_PHASES = ("match", "refine", "check", "initial map")
+_PROGRESS = (*_PHASES, "compiling", "note: ")
 _END_SECONDS_MAX = 60.0  # a process that runs longer counts as endless
 _ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
 
@@ -98,7 +99,7 @@ class Signals:
             lines = [line for line in errors.splitlines() if not line.startswith(_PROGRESS)]
             if process.returncode and (lines := [x for x in lines if not x.startswith(_STOPPED)]):
                 faults.append(f"stderr: {lines[-1][-300:]!r}")
-            has_result = "\niteration" in errors and mode != "twice"
+            has_result = "\nrefine" in errors and mode != "twice"
             faults += _faults_of_files(folder, files, needs_result=has_result)
             remaining = lingering(_processes_of_folder(place), 2)
             faults += [f"process {each} remains" for each in remaining]

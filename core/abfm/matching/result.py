@@ -191,7 +191,9 @@ class Match(Display):
 
         Smoothness determines the rest. See ``abfm.matching.judging.determined``.
         """
-        return determined(self)
+        return determined(
+            self.problem, self.velocity, self.fine_velocity, self.worse_residual, self.advect
+        )
 
     @property
     def worse_residual(self) -> float:

@@ -16,6 +16,7 @@ WINDOW = (640, 600)  # high enough for a tab below a verdict with a warning
 def exported(gui, name, path):
     """Press the button of a format, choose a file, and wait until it is written."""
     gui.click(f"{name}...")
+    gui.click(name, within=TITLE)
     gui.click("Save as...")
     gui.type("file name", path.name, enter=False)
     gui.click("Save")

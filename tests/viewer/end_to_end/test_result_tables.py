@@ -159,13 +159,18 @@ def copy_and_compare_rows(opened, folder):
     opened.menu(options, "Copy rows")
     opened.menu(options, "Copy table")
     assert len(imgui.GetClipboardText().splitlines()) == 5
-    for head in ("verdict", "along flow lines", "folded", "|log2 J|", "residual"):
+    heads = "verdict", "along flow lines", "folded", "|log2 J|", "residual", "reason"
+    for head in heads:
         opened.menu(options, head)
-    opened.input.move(*middle(opened.search.find("along x", "rows"), 0.02))
-    opened.input.press(1)
-    opened.input.release(1)
-    opened.click("Copy cell")
-    assert imgui.GetClipboardText() == "along x"
+    for label in ("Copy cell", "Copy rows", "Copy table", *heads):
+        opened.input.move(*middle(opened.search.find("along x", "rows"), 0.02))
+        opened.input.press(1)
+        opened.input.release(1)
+        opened.click(label, within="cell")
+        if label == "Copy cell":
+            assert imgui.GetClipboardText() == "along x"
+    for head in heads[:5]:
+        opened.menu(options, head)
 
 
 def leave_and_undo(opened, tmp_path):

@@ -20,7 +20,7 @@ from abfm_viewer.window import wave
 from abfm_viewer.window.actions import unsaved_work
 from abfm_viewer.window.wave import turning_wave
 from tests.messages import check_message
-from tests.viewer.end_to_end.test_export import exported
+from tests.viewer.end_to_end.test_export import TITLE, exported
 from tests.viewer.sessions import EGG, SIZE, restart
 
 WINDOW = (800, 560)  # high enough for the complete plot
@@ -418,6 +418,10 @@ def write_all_files(solved, tmp_path):
     assert len((tmp_path / "intervals.csv").read_text().splitlines()) == COUNT
     small = {"width": 320, "height": 240, "seconds": 0.2, "fps": 10}
     exporter.settings = replace(exporter.settings, **small)
+    solved.click("Movie...")
+    for label, time in (("from", document.start), ("to", document.end)):
+        solved.type(label, f"{time:g}")
+    solved.click("Close", within=TITLE)
     exported(solved, "Movie", tmp_path / "sequence.mp4")
 
 

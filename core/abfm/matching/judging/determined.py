@@ -16,8 +16,8 @@ depend on units, on scale or rotation of the surface, or on a common factor of t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,29 +26,44 @@ from abfm.calculus.operators import averaging, face_areas, gradient
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import AbfmError
 from abfm.flow import flow_lines
+from abfm.matching.problem import Problem
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
-
-if TYPE_CHECKING:
-    from abfm.matching.result import Match
 
 _TIMES = 16  # times of the flow at which slopes are evaluated
 
 
-def determined(match: Match) -> FloatArray:
-    """Return the share of each field of a match that its data determine, (N, F), 0 to 1."""
-    mesh, functions, tau = match.mesh.normalized(), match.problem.functions, match.parameters.tau
-    displacements = np.stack([to_frame(match.mesh, v) for v in match.velocity])
-    displacements *= tau / match.mesh.length_scale
-    residual = match.worse_residual if np.isfinite(match.worse_residual) else 1.0
+def determined(
+    problem: Problem,
+    velocity: FloatArray,
+    fine_velocity: FloatArray,
+    residual: float,
+    advect: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Return the share of each field of a match that its data determine, (N, F), 0 to 1.
+
+    Parameters
+    ----------
+    problem : Problem
+    velocity, fine_velocity : (N, F, 3) and (N, 4^k F, 3) arrays
+        The fields on the mesh, and on the mesh on which they were found.
+    residual : float
+        Residual of the match; not finite if it is unknown.
+    advect : callable
+        Returns the functions at times (T,), as an array (T, V) or (T, V, C).
+    """
+    mesh, functions, tau = problem.mesh.normalized(), problem.functions, problem.parameters.tau
+    displacements = np.stack([to_frame(problem.mesh, v) for v in velocity])
+    displacements *= tau / problem.mesh.length_scale
     area = float(functions.areas.sum())
-    noise = max(residual, match.parameters.goal) * functions.varying_size / np.sqrt(area)
+    difference = max(residual if np.isfinite(residual) else 1.0, problem.parameters.goal)
+    noise = difference * functions.varying_size / np.sqrt(area)
     count, each = len(displacements), -(-_TIMES // len(displacements))
     times = tau * (np.arange(count * each) + 0.5) / (count * each)
-    advected = match.advect(times).reshape(count, each, len(mesh.vertices), -1)
+    advected = advect(times).reshape(count, each, len(mesh.vertices), -1)
     weights = np.sqrt(functions.weights) / noise
-    found = determined_shares(mesh, displacements, advected * weights, match.mask)
-    return np.asarray(1 - (1 - found) * (1 - _near_landmarks(match)))
+    found = determined_shares(mesh, displacements, advected * weights, problem.mask)
+    return np.asarray(1 - (1 - found) * (1 - _near_landmarks(problem, fine_velocity)))
 
 
 def determined_shares(
@@ -91,20 +106,20 @@ def determined_shares(
     return found
 
 
-def _near_landmarks(match: Match) -> FloatArray:
+def _near_landmarks(problem: Problem, fine_velocity: FloatArray) -> FloatArray:
     """Return how near to paths of landmarks the faces are, (F,), from 0 to 1 on a path.
 
     The value decreases over the length sqrt(alpha), over which the norm smooths fields.
     """
-    mesh, landmarks = match.mesh, match.problem.landmarks
+    mesh, landmarks = problem.mesh, problem.landmarks
     if landmarks is None:
         return np.zeros(len(mesh.faces))
-    starts, tau = landmarks.points(mesh), match.parameters.tau
+    starts, tau = landmarks.points(mesh), problem.parameters.tau
     places = [starts.positions, landmarks.targets(mesh).positions]
     with suppress(AbfmError):  # flow lines that cross too many faces
-        lines = flow_lines(mesh, match.fine_velocity, starts, tau, tau)
+        lines = flow_lines(mesh, fine_velocity, starts, tau, tau)
         places += [line.positions for line in lines]
     middles = mesh.vertices[mesh.faces].mean(axis=1)
     distances, _ = cKDTree(np.concatenate(places)).query(middles)
-    length2 = max(match.parameters.alpha, 1e-12) * mesh.length_scale**2
+    length2 = max(problem.parameters.alpha, 1e-12) * mesh.length_scale**2
     return np.asarray(np.exp(-(distances**2) / (2 * length2)))
