@@ -104,6 +104,7 @@ def save_pictures(small, tmp_path):
     small.click("Movie...")
     small.type("seconds", "20")
     small.click("Save as...")
+    small.choose("Recent folders", str(tmp_path))
     small.type("file name", "long.mp4")
     small.wait(lambda _: small.window.exporter.running)
     small.click("Cancel export", within=TITLE)
