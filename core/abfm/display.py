@@ -18,7 +18,7 @@ UP_AXES: tuple[UpAxis, ...] = get_args(UpAxis)
 
 @dataclass(frozen=True)
 class ViewSpec:
-    """The side from which surfaces are shown, and the axis upwards; see `abfm.pages.front`."""
+    """The side from which surfaces are shown, and the axis upwards; see ``abfm.pages.front``."""
 
     name: ViewName = "best"
     up: UpAxis = "auto"
