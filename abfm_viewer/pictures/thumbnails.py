@@ -12,7 +12,7 @@ from abfm.pages.colormaps import ColorRange, colors_of
 from abfm.pages.front import front_of
 from abfm.types import FloatArray, IntArray
 
-_OVERSAMPLING = 2  # drawn pixels per pixel, along each side
+_SUBPIXELS = 2  # drawn along each side of a pixel
 _POINTS_PER_PIXEL = 6  # of the drawn surface
 _POINTS_MAX = 2_000_000
 _GREY = 0.72
@@ -41,7 +41,7 @@ def _drawn(view: View, size: tuple[int, int], colors: ColorRange | None) -> Imag
     axes = front_of(mesh, *known).axes
     places = mesh.vertices @ axes.T
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
-    width, height = (_OVERSAMPLING * length for length in size)
+    width, height = (_SUBPIXELS * length for length in size)
     scale = (1 - 2 * _MARGIN_SHARE) / max((high - low) / (width, height))
     corners = places[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -63,7 +63,7 @@ def _drawn(view: View, size: tuple[int, int], colors: ColorRange | None) -> Imag
     nearest = np.argsort(at[:, 2], kind="stable")  # the nearest point is written last
     painted = np.concatenate([paint * light, np.ones((len(faces), 1))], axis=1)
     pixels[row[nearest], column[nearest]] = painted[nearest]
-    parts = pixels.reshape(size[1], _OVERSAMPLING, size[0], _OVERSAMPLING, 4).mean(axis=(1, 3))
+    parts = pixels.reshape(size[1], _SUBPIXELS, size[0], _SUBPIXELS, 4).mean(axis=(1, 3))
     parts[..., :3] /= np.maximum(parts[..., 3:], 1e-300)
     return Image.fromarray(np.round(255 * parts).astype(np.uint8), "RGBA")
 

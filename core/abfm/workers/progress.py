@@ -26,7 +26,7 @@ _WORK_SHARE_MIN = 0.25
 _SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coarse
 _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
-_OVERDUE_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
+_EXCESS_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
 _FALL_MAX = 0.1  # largest amount by which the share of a task may fall
 _MARGIN = 1.1  # a shown remaining time is at least this multiple of its estimate
 _RISE_MIN = 1.5  # a longer remaining time is shown from this multiple of the one before
@@ -63,7 +63,7 @@ class Step:
             return elapsed * (1 / self.done - 1) if self.done else None
         if self.done:  # the mean of both durations, weighted by the completed share
             return (1 - self.done) * (elapsed + (1 - self.done) * self.expected)
-        return max(self.expected - elapsed, _OVERDUE_SHARE * (elapsed - self.expected))
+        return max(self.expected - elapsed, _EXCESS_SHARE * (elapsed - self.expected))
 
     def seconds_of_task(self, now: float | None = None) -> float | None:
         """Return the remaining seconds of the complete task; None if unknown."""
