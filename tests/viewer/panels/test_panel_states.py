@@ -126,6 +126,7 @@ def states_of_a_match(gui):
     session.editor.amend(result=interrupted)
     yield "interrupted", ["Match"]
     session.editor.set_parameter(alpha=0.5)
+    gui.wait(lambda s: s.work.expected_facts is not None)
     yield "outdated", ["Match"]
 
 
@@ -134,6 +135,7 @@ def states_of_a_pair(gui):
     document = PairDocument(surfaces, (CHANNEL,), initial="connectivity", parameters=PARAMETERS)
     gui.session.restore(document, {}, None)
     gui.wait(lambda s: not s.obstacle)
+    gui.wait(lambda s: s.work.expected_facts is not None)
     yield "no match", ["Functions", "Match", "Export"]
     match = abfm.match(MESH, MESH.vertices[:, 0], MESH.vertices[:, 1], PARAMETERS)
     initial = gui.session.work.prepared.initial
