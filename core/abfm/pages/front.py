@@ -28,6 +28,7 @@ _STANDING_RATIO = 2.0  # length along z over those along x and y, above which z 
 _FACES_MAX = 10_000  # largest number of faces that are evaluated
 _SAMPLES = 8_000  # approximate number of points of the surface for which hidden parts are found
 _PIXEL_SPACING = 2.0  # size of a pixel in spacings of the points
+_RADIUS_MAX = 200  # of a surface in pixels, which are larger for a thin wire
 _AZIMUTHS = np.radians(np.arange(0, 360, 15))
 _ELEVATIONS = np.radians([12, 0, 25, -12, 55, -35])
 _ELEVATION_COSTS = np.array([0.0, 0.0, 0.0, 0.05, 0.3, 0.4])
@@ -169,9 +170,11 @@ def _visible_shares(mesh: TriangleMesh, weights: list[FloatArray], axes: FloatAr
     """
     points, normals, weighted = _samples(mesh, weights)
     spacing = np.sqrt(np.linalg.norm(normals, axis=1).sum() / len(points))
-    pixel = _PIXEL_SPACING * spacing
-    places = (points - points.mean(axis=0)) / pixel
-    half = int(np.ceil(np.linalg.norm(places, axis=1).max())) + 1
+    from_center = points - points.mean(axis=0)
+    radius = np.linalg.norm(from_center, axis=1).max()
+    pixel = max(_PIXEL_SPACING * spacing, radius / _RADIUS_MAX)
+    places = from_center / pixel
+    half = int(np.ceil(radius / pixel)) + 1
     visible = np.empty((len(weighted), len(axes)))
     for number, (right, up, towards) in enumerate(axes):
         columns, rows = (places @ np.stack([right, up], axis=1) + half).astype(np.intp).T

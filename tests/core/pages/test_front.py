@@ -79,6 +79,11 @@ def test_best_view_without_functions_is_the_front():
         assert front_of(TriangleMesh(1e3 * BODY.vertices @ turned, faces)).direction[2] > 0.9
 
 
+def test_wire_is_seen_from_its_side():
+    """The memory does not grow with the ratio of length to thickness."""
+    assert abs(front_of(ellipsoid(3, 1e-6, 1e-6, 1)).direction[2]) < 0.5
+
+
 def test_flat_surface_is_seen_from_above():
     standing = torus(24, 12, r=0.2)
     lying = TriangleMesh(standing.vertices[:, [0, 2, 1]], standing.faces[:, [0, 2, 1]])
