@@ -21,8 +21,7 @@ def test_transparency_is_on_only_for_faint_arrows(gui, monkeypatch):
     gui.wait(lambda _: ps.has_surface_mesh("arrows"))
     assert set(modes) == {"none"}
     opacity = 0.5
-    gui.frames(2)
-    assert modes[-1] == "pretty"
+    gui.wait(lambda _: modes[-1] == "pretty")
     gui.session.editor.set_view("look", arrows=False)
     gui.wait(lambda _: not ps.has_surface_mesh("arrows"))
     assert modes[-1] == "none"
