@@ -1,79 +1,57 @@
 """Thumbnails: small pictures of surfaces, drawn in any thread without OpenGL."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from abfm import TriangleMesh
+from abfm.calculus.operators import face_normals
 from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange, colors_of
 from abfm.pages.front import front_of
-from abfm.types import FloatArray, IntArray
+from abfm.types import FloatArray
 
 _SUBPIXELS = 2  # drawn along each side of a pixel
-_POINTS_PER_PIXEL = 6  # of the drawn surface
-_POINTS_MAX = 2_000_000
 _GREY = 0.72
 _SHADE_MIN = 0.45  # brightness of faces seen from their edge
 _MARGIN_SHARE = 0.04
 
 
-class View(NamedTuple):
-    """A surface and, unless it is plain, its function (V,)."""
-
-    mesh: TriangleMesh
-    values: FloatArray | None = None
+View = tuple[TriangleMesh, FloatArray | None]
+"""A surface and, unless it is plain, its function (V,)."""
 
 
-def thumbnails(views: Sequence[View], size: tuple[int, int]) -> list[Image.Image]:
-    """Return a transparent picture of each surface, in one size; functions share a colour range."""
-    functions = [view.values for view in views if view.values is not None]
+def thumbnail(views: Sequence[View], size: tuple[int, int]) -> Image.Image:
+    """Return a transparent picture of surfaces one below the other, each in a size in pixels.
+
+    Functions share a colour range.
+    """
+    functions = [values for _, values in views if values is not None]
     colors = color_range(*functions) if functions else None
-    return [_drawn(view, size, colors) for view in views]
+    sheet = Image.new("RGBA", (size[0], size[1] * len(views)))
+    for number, view in enumerate(views):
+        sheet.paste(_drawn(view, size, colors), (0, number * size[1]))
+    return sheet
 
 
 def _drawn(view: View, size: tuple[int, int], colors: ColorRange | None) -> Image.Image:
-    """Draw the nearest of many points of a surface in each pixel."""
+    """Draw the faces of a surface from the farthest to the nearest."""
     mesh, values = view
-    known = [] if values is None else [np.nan_to_num(values)]
-    axes = front_of(mesh, *known).axes
-    places = mesh.vertices @ axes.T
-    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
-    width, height = (_SUBPIXELS * length for length in size)
-    scale = (1 - 2 * _MARGIN_SHARE) / max((high - low) / (width, height))
-    corners = places[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = np.abs(normals[:, 2])
-    covered = facing.sum() / 2 * scale**2  # pixels, counted for each layer of the surface
-    faces, weights = _points(facing, int(min(_POINTS_PER_PIXEL * covered + 1, _POINTS_MAX)))
-    at = np.einsum("pc,pcx->px", weights, corners[faces])
-    x, y = ((at[:, :2] - (low + high) / 2) * scale * (1, -1) + (width / 2, height / 2)).T
-    column = np.clip(x.astype(np.int64), 0, width - 1)
-    row = np.clip(y.astype(np.int64), 0, height - 1)
-    shade = facing / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
-    light = (_SHADE_MIN + (1 - _SHADE_MIN) * shade)[faces, None]
-    if values is None or colors is None:
-        paint = np.full((len(faces), 3), _GREY)
-    else:
+    axes = front_of(mesh, *([] if values is None else [np.nan_to_num(values)])).axes
+    places, middle = mesh.vertices @ axes.T, np.multiply(_SUBPIXELS, size) / 2
+    low, high = places.min(axis=0), places.max(axis=0)
+    scale = (1 - 2 * _MARGIN_SHARE) / ((high - low)[:2] / (2 * middle)).max()
+    points = (places - (low + high) / 2)[:, :2] * (scale, -scale) + middle
+    paint = np.full((len(mesh.faces), 3), _GREY)
+    if values is not None and colors is not None:
         of_vertices = colors_of(values, colors, ~np.isfinite(values)) ** (1 / 2.2)
-        paint = np.einsum("pc,pcx->px", weights, of_vertices[mesh.faces[faces]])
-    pixels = np.zeros((height, width, 4))
-    nearest = np.argsort(at[:, 2], kind="stable")  # the nearest point is written last
-    painted = np.concatenate([paint * light, np.ones((len(faces), 1))], axis=1)
-    pixels[row[nearest], column[nearest]] = painted[nearest]
-    parts = pixels.reshape(size[1], _SUBPIXELS, size[0], _SUBPIXELS, 4).mean(axis=(1, 3))
-    parts[..., :3] /= np.maximum(parts[..., 3:], 1e-300)
-    return Image.fromarray(np.round(255 * parts).astype(np.uint8), "RGBA")
-
-
-def _points(areas: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
-    """Return faces (P,) and barycentric weights (P, 3) of points, evenly by the areas of faces."""
-    random = np.random.default_rng(0)
-    ends = np.cumsum(areas)
-    shares = (np.arange(count) + random.random(count)) / count
-    faces = np.minimum(np.searchsorted(ends, shares * ends[-1]), len(areas) - 1)
-    u, v = random.random((2, count))
-    root = np.sqrt(u)
-    return faces, np.stack([1 - root, root * (1 - v), root * v], axis=1)
+        paint = of_vertices[mesh.faces].mean(axis=1)
+    light = _SHADE_MIN + (1 - _SHADE_MIN) * np.abs(face_normals(mesh) @ axes[2])
+    inks = np.round(255 * paint * light[:, None]).astype(np.uint8)
+    picture = Image.new("RGBA", tuple(_SUBPIXELS * length for length in size))
+    canvas, order = ImageDraw.Draw(picture), places[mesh.faces, 2].sum(axis=1).argsort()
+    corners = points[mesh.faces[order]].reshape(-1, 6).tolist()
+    for triangle, ink in zip(corners, inks[order].tolist(), strict=True):
+        canvas.polygon(triangle, fill=(*ink, 255))
+    return picture.resize(size, Image.Resampling.BOX)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from PIL import Image
+from rich.filesize import decimal
 
 import abfm
 from abfm import AbfmError, TriangleMesh
@@ -15,8 +15,8 @@ from abfm.errors import one_line
 from abfm.types import FloatArray
 from abfm.wording import capital
 from abfm_viewer.computing.background import Latest
-from abfm_viewer.dialogs.file_dialog import Preview, size_text
-from abfm_viewer.document.document import Document
+from abfm_viewer.dialogs.file_dialog import Preview
+from abfm_viewer.document.document import SIDES, Document
 from abfm_viewer.document.kinds import SequenceDocument
 from abfm_viewer.files.contents import (
     MESHES,
@@ -27,7 +27,7 @@ from abfm_viewer.files.contents import (
     is_named_as_frames,
 )
 from abfm_viewer.files.project import load_project
-from abfm_viewer.pictures.thumbnails import View, thumbnails
+from abfm_viewer.pictures.thumbnails import View, thumbnail
 from abfm_viewer.scene.textures import Textures
 
 _SIZE = 224, 190
@@ -37,9 +37,8 @@ _VIEWS_MAX = 3
 _NAME = "preview of a file"
 
 
-class FilePreview(NamedTuple):
-    picture: Image.Image | None
-    lines: tuple[str, ...]
+FilePreview = tuple[Image.Image | None, tuple[str, ...]]
+"""The picture of a file, if any, and lines of text that describe the file."""
 
 
 class Previews:
@@ -55,11 +54,10 @@ class Previews:
         if not is_known or is_named_as_frames(path):
             return None
         found = self._job.request(path, partial(read_preview, path))
-        if found is None:
-            return Preview(None, (0, 0), (self._job.error or "reading ...",))
-        picture = found.picture
-        texture = None if picture is None else self._textures.find(_NAME, picture)
-        return Preview(texture, picture.size if picture else (0, 0), found.lines)
+        picture, lines = found or (None, (self._job.error or "reading ...",))
+        if picture is None:
+            return Preview(None, (0, 0), lines)
+        return Preview(self._textures.find(_NAME, picture), picture.size, lines)
 
     @property
     def busy(self) -> bool:
@@ -70,15 +68,14 @@ class Previews:
 
 
 def read_preview(path: Path) -> FilePreview:
-    """Return a picture of a mesh, result or project, and lines of text that describe it."""
+    """Return the preview of a mesh, result or project; without a picture, the reason."""
     try:
-        size = path.stat().st_size
-        if size > _FILE_BYTES_MAX:
-            return FilePreview(None, (f"no preview of files above {size_text(_FILE_BYTES_MAX)}",))
+        if path.stat().st_size > _FILE_BYTES_MAX:
+            return None, (f"no preview of files above {decimal(_FILE_BYTES_MAX)}",)
         views, lines = _views_of(path)
     except (AbfmError, OSError, MemoryError) as error:
-        return FilePreview(None, (one_line(str(error), 200),))
-    return FilePreview(stacked(views), lines)
+        return None, (one_line(str(error), 200),)
+    return thumbnail(views, _SIZE if len(views) == 1 else _SIZE_OF_PART), lines
 
 
 def _views_of(path: Path) -> tuple[list[View], tuple[str, ...]]:
@@ -87,42 +84,31 @@ def _views_of(path: Path) -> tuple[list[View], tuple[str, ...]]:
         return views_of_document(document), (document.name, *_sizes(document.surface().mesh))
     if contents_of(path) is not Contents.DOCUMENT:
         mesh = abfm.load_mesh(path)
-        return [View(mesh)], _sizes(mesh)
+        return [(mesh, None)], _sizes(mesh)
     task = abfm.loading.task_of_file(path)
     assert task is not None
     mesh, functions = task.file.preview(path)
-    views = [View(mesh, values) for values in functions[:_VIEWS_MAX]]
+    views: list[View] = [(mesh, values) for values in functions[:_VIEWS_MAX]]
     return views, (capital(", ".join(task.preview_labels)), *_sizes(mesh))
 
 
 def views_of_document(document: Document) -> list[View]:
     """Return the source and target of a match, the first frame, or the plain surfaces."""
     if isinstance(document, SequenceDocument):
-        return [View(document.surface().mesh, document.sequence.frames.values[0, :, 0])]
+        return [(document.surface().mesh, document.sequence.frames.values[0, :, 0])]
     if (match := document.match) is not None:
-        return [View(match.mesh, values[:, 0]) for values in (match.source, match.target)]
-    views = {}
-    for side in ("source", "target"):
+        return [(match.mesh, values[:, 0]) for values in (match.source, match.target)]
+    views: list[View] = []
+    for side in SIDES:
         mesh = document.surface(side).mesh
-        spec = document.active.spec(side) if document.active else ""
-        views[side] = View(mesh, _values(mesh, spec))
-    return list(views.values()) if views["source"].values is not None else [views["target"]]
+        views.append((mesh, _values(mesh, document.active.spec(side) if document.active else "")))
+    return views if views[0][1] is not None else views[1:]
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray | None:
     with suppress(AbfmError):
         return abfm.function(mesh, spec) if spec else None
     return None
-
-
-def stacked(views: list[View]) -> Image.Image:
-    """Return a picture of each view, one below the other, on a transparent ground."""
-    size = _SIZE if len(views) == 1 else _SIZE_OF_PART
-    pictures = thumbnails(views, size)
-    sheet = Image.new("RGBA", (size[0], size[1] * len(pictures)))
-    for number, picture in enumerate(pictures):
-        sheet.paste(picture, (0, number * size[1]))
-    return sheet
 
 
 def _sizes(mesh: TriangleMesh) -> tuple[str, str]:

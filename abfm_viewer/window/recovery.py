@@ -15,7 +15,7 @@ from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 from abfm_viewer.files.autosave import Autosave, Content, recoverable
 from abfm_viewer.files.project import load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.pictures.thumbnails import thumbnails
+from abfm_viewer.pictures.thumbnails import thumbnail
 from abfm_viewer.scene.textures import Textures
 from abfm_viewer.session.functions import known_values, with_values
 from abfm_viewer.session.session import Session
@@ -138,7 +138,7 @@ class Recoveries:
                 problems.append(f"unsaved work cannot be read: {error}. It was moved to {aside}")
                 continue
             name = origin.path.name if origin else document.name
-            picture = thumbnails(views_of_document(document)[:1], PICTURE_SIZE)[0]
+            picture = thumbnail(views_of_document(document)[:1], PICTURE_SIZE)
             changed = origin is not None and origin.changed
             note = f"{name} has changed on the disk since then" if changed else ""
             found.append(Copy(recovery, name, picture, note))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from abfm_viewer.pictures.thumbnails import View, thumbnails
+from abfm_viewer.pictures.thumbnails import thumbnail
 from tests.shapes import icosphere
 
 BALL = icosphere(3)
@@ -8,8 +8,7 @@ SIZE = 100, 80
 
 
 def test_a_ball_is_a_disc_in_the_middle():
-    [picture] = thumbnails([View(BALL)], SIZE)
-    pixels = np.asarray(picture)
+    pixels = np.asarray(thumbnail([(BALL, None)], SIZE))
     assert pixels.shape == (80, 100, 4)
     covered = pixels[..., 3] / 255
     rows, columns = np.indices(covered.shape) + 0.5
@@ -20,10 +19,10 @@ def test_a_ball_is_a_disc_in_the_middle():
     assert covered[distances > radius + 1.5].max() == 0
 
 
-def test_nearest_points_and_one_colour_range_are_drawn():
+def test_nearest_faces_and_one_colour_range_are_drawn():
     """A function of depth shows its values at the front alone, in the range of all functions."""
     x, y, z = BALL.vertices.T
-    views = [View(BALL, values) for values in (np.abs(z) + np.abs(x) + np.abs(y), 0 * x + 5)]
-    pictures = [np.asarray(each)[38:42, 48:52, :3] for each in thumbnails(views, SIZE)]
-    first, second = (picture.mean(axis=(0, 1)) for picture in pictures)
-    assert first.mean() > second.mean() + 20  # small values are lighter than large ones
+    views = [(BALL, values) for values in (np.abs(z) + np.abs(x) + np.abs(y), 0 * x + 5)]
+    pixels = np.asarray(thumbnail(views, SIZE))
+    first, second = (pixels[top : top + 4, 48:52, :3].mean() for top in (38, 118))
+    assert first > second + 20  # small values are lighter than large ones
