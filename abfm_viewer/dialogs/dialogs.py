@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from threading import Thread
+from types import MappingProxyType
 from typing import Any, Literal, Protocol
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, Preview, shown, valid_name
+from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, Preview, shown
 from abfm_viewer.dialogs.native_dialog import NativeDialog
-from abfm_viewer.dialogs.palette import Entry, Palette
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -94,34 +94,26 @@ class Question:
         return chosen
 
 
-class OtherDialog(Protocol):
+class AnyDialog(Protocol):
     @property
     def title(self) -> str: ...
     def draw(self, ui: Ui, /) -> Any: ...
 
 
-AnyDialog = Question | FileDialog | NativeDialog | Message | Palette | OtherDialog
-
-
-class Stored(Protocol):
-    """Preferences by their names."""
-
-    now: Any
-
-    def change(self, **values: Any) -> None: ...
-
-
 class Dialogs:
     """Stack of open dialogs, each with a callback for its answer.
 
-    ``stored`` has the recent folders of each kind of file.
+    ``recent`` are the recent folders of each kind of file; ``store`` stores new ones.
     """
 
-    def __init__(self, stored: Stored | None = None) -> None:
+    def __init__(
+        self,
+        recent: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+        store: Callable[[Mapping[str, tuple[str, ...]]], None] = lambda recent: None,
+    ) -> None:
         self.preview: Callable[[Path], Preview | None] = lambda path: None
         self.uses_native: Callable[[], bool] = lambda: False  # whether to use the system's dialogs
-        self._stored, self._folder = stored, Path()
-        self._recent: dict[str, tuple[str, ...]] = stored.now.folders if stored else {}
+        self._recent, self._store, self._folder = {**recent}, store, Path()
         self._open: list[tuple[AnyDialog, Callable[[Any], None]]] = []
 
     @property
@@ -141,7 +133,7 @@ class Dialogs:
         return bool(self._open)
 
     def has_question(self, title: str) -> bool:
-        return any(getattr(one, "title", "") == title for one, _ in self._open)
+        return any(one.title == title for one, _ in self._open)
 
     def open(
         self,
@@ -169,7 +161,7 @@ class Dialogs:
         The dialogs of systems cannot suggest a name, so this is always the dialog of the app.
         """
         folder = self._start_folder(kind)
-        choice = FileChoice(folder, suffixes, saving=True, name=valid_name(name))
+        choice = FileChoice(folder, suffixes, saving=True, name=name)
         self._choose_own(title, choice, kind, on_path)
 
     def question(
@@ -195,16 +187,6 @@ class Dialogs:
         """Show paragraphs, rows of two columns, or headings (rows with an empty second column)."""
         self._open.append((Message(title, lines, copied, link), lambda _: self.pop()))
 
-    def search(self, entries: Sequence[Entry], on_entry: Callable[[Entry], None]) -> None:
-        """Let the user search an action, and call ``on_entry`` after the dialog has closed."""
-
-        def answered(answer: tuple[Entry | None]) -> None:
-            self.pop()
-            if answer[0] is not None:
-                on_entry(answer[0])
-
-        self._open.append((Palette(entries), answered))
-
     def draw(self, ui: Ui) -> None:
         if not self._open:
             return
@@ -221,7 +203,7 @@ class Dialogs:
         if answer:
             answered(answer)
 
-    def push(self, one: OtherDialog, answered: Callable[[Any], None]) -> None:
+    def push(self, one: AnyDialog, answered: Callable[[Any], None]) -> None:
         """Open another dialog, which stays open until `pop` is called."""
         self._open.append((one, answered))
 
@@ -270,8 +252,7 @@ class Dialogs:
     def _remember(self, kind: FileKind, folder: Path) -> None:
         others = (known for known in self._recent.get(kind, ()) if known != str(folder))
         self._recent = self._recent | {kind: (str(folder), *others)[:_RECENT_FOLDERS_MAX]}
-        if self._stored:
-            self._stored.change(folders=self._recent)
+        self._store(self._recent)
 
     def pop(self) -> None:
         """Close the newest dialog."""

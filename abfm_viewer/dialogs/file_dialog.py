@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
 
 import polyscope.imgui as imgui
+from rich.filesize import decimal
 
 from abfm_viewer.computing.background import Latest, Memo
 from abfm_viewer.widgets.containers import child, dialog, is_popup_open
@@ -17,7 +18,6 @@ from abfm_viewer.widgets.toolkit import Pushed, Ui
 
 ENTRIES_MAX = 10_000  # largest number of entries that are listed
 _ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # ending of any file name
-_NOT_IN_NAMES = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # characters that Windows refuses
 _WIDTH = 860
 _HEIGHT = 560
 _PREVIEW_WIDTH = 240
@@ -40,7 +40,7 @@ class Preview(NamedTuple):
 
 class Details(NamedTuple):
     size: int  # in bytes
-    modified: float  # in seconds since the epoch
+    date: float  # of the last change, in seconds since the epoch
 
 
 @dataclass(frozen=True)
@@ -95,28 +95,11 @@ def read_details(folder: Path, entries: Sequence[FolderEntry]) -> dict[str, Deta
     return found
 
 
-def size_text(size: int) -> str:
-    """Return a number of bytes in the largest decimal unit, such as ``1.2 MB``."""
-    number, units = float(size), ["bytes", "kB", "MB", "GB", "TB"]
-    while number >= 999.5 and len(units) > 1:
-        number, units = number / 1000, units[1:]
-    digits = 0 if units[0] == "bytes" or number >= 99.95 else 1
-    return f"{number:.{digits}f} {units[0]}"
-
-
 def date_text(modified: float) -> str:
     try:
         return time.strftime("%Y-%m-%d %H:%M", time.localtime(modified))
     except (OverflowError, OSError, ValueError):
         return ""
-
-
-def valid_name(text: str) -> str:
-    """Return a file name that is valid on Linux, macOS and Windows.
-
-    Other characters are replaced by underscores.
-    """
-    return _NOT_IN_NAMES.sub("_", text)
 
 
 def has_suffix(name: str, suffixes: tuple[str, ...]) -> bool:
@@ -197,12 +180,12 @@ class FileChoice:
             found = [entry for entry in found if wanted in entry.name.casefold()]
         if column == "name" and not descending:
             return found
-        place, none = ("size", "date").index(column) if column != "name" else 0, Details(0, 0.0)
-        keys: dict[bool, Callable[[FolderEntry], Any]] = {
-            True: lambda entry: entry.name.casefold(),
-            False: lambda entry: details.get(entry.name, none)[place],
-        }
-        found = sorted(found, key=keys[column == "name"], reverse=descending)
+
+        def key(entry: FolderEntry) -> Any:
+            known = details.get(entry.name, Details(0, 0.0))
+            return entry.name.casefold() if column == "name" else getattr(known, column)
+
+        found = sorted(found, key=key, reverse=descending)
         return sorted(found, key=lambda entry: not entry.is_folder)
 
     def order_by(self, column: Column) -> None:
@@ -277,15 +260,10 @@ class FileChoice:
             if self._enters:
                 return self.go_or_take(self.selected)
             return self._named() if name else None
-        if name and self.is_typed and not (self.selected and not self._exists(name)):
+        is_start = self.selected and not os.path.exists(self.folder / os.path.expanduser(name))
+        if name and self.is_typed and not is_start:
             return self.go_or_take(name)
         return self.go_or_take(self.selected) if self.selected else None
-
-    def _exists(self, name: str) -> bool:
-        try:
-            return (self.folder / Path(name).expanduser()).exists()
-        except (OSError, RuntimeError, ValueError):
-            return False
 
     @property
     def ready(self) -> bool:
@@ -441,8 +419,9 @@ class FileDialog:
 
     def _draw_files_and_preview(self, ui: Ui) -> None:
         self._double_clicked = False
-        below = 2 * imgui.GetFrameHeightWithSpacing() + self._note_height(ui)
         room = float(imgui.GetContentRegionAvail()[0])
+        below = 2 * imgui.GetFrameHeightWithSpacing() + imgui.GetStyle().ItemSpacing[1]
+        below += imgui.CalcTextSize(self._note()[0], wrap_width=room)[1]
         pane = ui.px(_PREVIEW_WIDTH)
         has_preview = room - pane >= ui.px(_LIST_WIDTH_MIN)
         width = room - pane - imgui.GetStyle().ItemSpacing[0] if has_preview else room
@@ -524,8 +503,8 @@ class FileDialog:
     ) -> None:
         (left, top), color = imgui.GetItemRectMin(), imgui.GetColorU32(ui.colors.muted)
         top += imgui.GetStyle().ItemSpacing[1] / 2
-        texts: dict[Column, str] = {"size": "" if is_folder else size_text(details.size)}
-        texts["date"] = date_text(details.modified)
+        texts: dict[Column, str] = {"size": "" if is_folder else decimal(details.size)}
+        texts["date"] = date_text(details.date)
         for column, text in texts.items():
             if column in columns:
                 place = left + columns[column], top
@@ -558,11 +537,6 @@ class FileDialog:
         if typed != choice.name:
             choice.type_name(typed)
             self._scroll_to = choice.selected
-
-    def _note_height(self, ui: Ui) -> float:
-        width = imgui.GetContentRegionAvail()[0]
-        height = imgui.CalcTextSize(self._note()[0], wrap_width=width)[1]
-        return float(height + imgui.GetStyle().ItemSpacing[1])
 
     def _note(self) -> tuple[str, bool]:
         """Return the text below the list, and whether it is an error."""

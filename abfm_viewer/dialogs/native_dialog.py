@@ -40,10 +40,6 @@ def missing() -> str:
     return "" if has_program else f"One of the programs {' and '.join(_PROGRAMS)} is needed"
 
 
-def is_available() -> bool:
-    return not missing()
-
-
 @dataclass(eq=False)
 class NativeDialog:
     """The dialog of the system for a file to open; the window waits for its answer."""
@@ -52,36 +48,26 @@ class NativeDialog:
     folder: Path
     suffixes: tuple[str, ...]
     failed: bool = field(default=False, init=False)  # whether it could not be shown
-    _process: subprocess.Popen[bytes] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        patterns = [f"*{form}" for each in self.suffixes for form in (each, each.upper())]
+        command = [sys.executable, "-c", _SCRIPT, self.title, str(self.folder), *patterns]
+        devnull, pipe = subprocess.DEVNULL, subprocess.PIPE
+        self._process = subprocess.Popen(command, stdin=devnull, stdout=pipe, stderr=devnull)
 
     def draw(self, ui: Ui) -> tuple[Path | None] | None:
         """Draw a note; return (file,) if the user chose one, (None,) if not, and None before."""
-        if self._process is None:
-            self._start()
         with dialog(ui, self.title, _WIDTH):
             ui.note("Choose the file in the dialog of the system.", "ink")
             cancelled = ui.button("Cancel", "Esc", width=ui.px(110))
             if cancelled or imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
                 return (None,)
-        process = self._process
-        if process is None or process.poll() is None:
+        if (status := self._process.poll()) is None:
             return None
-        found = process.stdout.read() if process.stdout else b""
-        self.failed = process.returncode != 0
+        self.failed = status != 0
+        found = self._process.stdout.read() if self._process.stdout else b""
         return (Path(os.fsdecode(found)) if found and not self.failed else None,)
 
     def close(self) -> None:
-        if (process := self._process) is not None:
-            if process.poll() is None:
-                process.terminate()
-            process.communicate()
-
-    def _start(self) -> None:
-        patterns = [f"*{form}" for each in self.suffixes for form in (each, each.upper())]
-        command = [sys.executable, "-c", _SCRIPT, self.title, str(self.folder), *patterns]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        self._process.terminate()
+        self._process.communicate()

@@ -9,7 +9,6 @@ from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Widget
 
-TITLE = "Search actions"
 _WIDTH = 560
 _HEIGHT = 420
 _ROWS_MAX = 60
@@ -54,12 +53,14 @@ def matching(entries: Sequence[Entry], query: str) -> list[Entry]:
 class Palette:
     """The dialog; `draw` returns a tuple with the chosen entry, or with None to close."""
 
+    title = "Search actions"
+
     def __init__(self, entries: Sequence[Entry]) -> None:
         self._entries = entries
         self._query, self._chosen, self._is_new = "", 0, True
 
     def draw(self, ui: Ui) -> tuple[Entry | None] | None:
-        with dialog(ui, TITLE, _WIDTH, _HEIGHT):
+        with dialog(ui, self.title, _WIDTH, _HEIGHT):
             hint = "type words, then press Enter"
             query = ui.live_text(
                 "##words",

@@ -36,7 +36,8 @@ class Context:
     def __init__(self, session: Session, state: StateFolder | None) -> None:
         self.session, self.shown = session, Shown(session)
         self.preferences = PreferenceFile(state)
-        self.ui, self.dialogs = Ui(), Dialogs(self.preferences)
+        recent, change = self.preferences.now.folders, self.preferences.change
+        self.ui, self.dialogs = Ui(), Dialogs(recent, lambda found: change(folders=found))
         self.textures = Textures()
         # lists copies of unsaved work of earlier launches; None if there are none
         self.list_copies: Callable[[], None] | None = None

@@ -49,7 +49,7 @@ def _drawn(view: View, size: tuple[int, int], colors: ColorRange | None) -> Imag
         paint = of_vertices[mesh.faces].mean(axis=1)
     light = _SHADE_MIN + (1 - _SHADE_MIN) * np.abs(face_normals(mesh) @ axes[2])
     inks = np.round(255 * paint * light[:, None]).astype(np.uint8)
-    picture = Image.new("RGBA", tuple(_SUBPIXELS * length for length in size))
+    picture = Image.new("RGBA", (_SUBPIXELS * size[0], _SUBPIXELS * size[1]))
     canvas, order = ImageDraw.Draw(picture), places[mesh.faces, 2].sum(axis=1).argsort()
     corners = points[mesh.faces[order]].reshape(-1, 6).tolist()
     for triangle, ink in zip(corners, inks[order].tolist(), strict=True):

@@ -102,7 +102,7 @@ def _file(ui: Ui, actions: Actions) -> None:
 
 
 def _native_dialogs(ui: Ui, context: Context) -> None:
-    preferences, available = context.preferences, native_dialog.is_available()
+    preferences, available = context.preferences, not native_dialog.missing()
     is_on = preferences.now.native_dialogs and available
     if menu_item(ui, "Native file dialogs", checked=is_on, enabled=available):
         preferences.change(native_dialogs=not preferences.now.native_dialogs)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from abfm import explanations
-from abfm_viewer.dialogs.palette import Entry
+from abfm_viewer.dialogs.palette import Entry, Palette
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import explain
 from abfm_viewer.panels.right_panel import STEPS, TABS
@@ -36,14 +36,19 @@ class Search:
         if self._is_requested and not self._context.dialogs.is_open:
             with ui.unseen() as record:
                 self._draw_unseen()
-            self._context.dialogs.search(entries([*ui.record.drawn, *record.latest]), self._use)
+            found = entries([*ui.record.drawn, *record.latest])
+            self._context.dialogs.push(Palette(found), self._use)
         self._is_requested = False
         if ui.wanted is not None:
             self._frames += 1
             if self._frames > _FRAMES_MAX:
                 ui.wanted = None
 
-    def _use(self, entry: Entry) -> None:
+    def _use(self, answer: tuple[Entry | None]) -> None:
+        """Close the search, and do the chosen action, if any."""
+        self._context.dialogs.pop()
+        if (entry := answer[0]) is None:
+            return
         ui, widget = self._context.ui, entry.widget
         if widget is None:
             explain(self._context, entry.label)

@@ -205,7 +205,9 @@ class Window(Context):
             try:
                 self.frame()
                 warm_up.start()
-                self.dialogs.uses_native = self._uses_native
+                self.dialogs.uses_native = lambda: (
+                    self.preferences.now.native_dialogs and not native_dialog.missing()
+                )
                 while not self.closing:
                     self.frame()
                     if ps.window_requests_close():
@@ -214,9 +216,6 @@ class Window(Context):
                 self.close()
         if self.interrupted is not None:
             raise signals.EndedBySignal(self.interrupted)
-
-    def _uses_native(self) -> bool:
-        return self.preferences.now.native_dialogs and native_dialog.is_available()
 
     def close(self) -> None:
         ps.clear_user_callback()

@@ -15,9 +15,7 @@ from abfm_viewer.dialogs.file_dialog import (
     FolderEntry,
     read_folder,
     shown,
-    size_text,
 )
-from abfm_viewer.files.preferences import PreferenceFile
 from tests.messages import check_message
 from tests.viewer.sessions import until
 
@@ -260,15 +258,9 @@ def test_hidden_files_are_listed_on_request(folder):
     assert ".hidden.off" in [one.name for one in read_folder(folder, MESHES, True).entries]
 
 
-def test_sizes_have_units():
-    sizes = (0, 999, 1000, 12_345, 999_900, 123_456_789, 2e13)
-    texts = ["0 bytes", "999 bytes", "1.0 kB", "12.3 kB", "1.0 MB", "123 MB", "20.0 TB"]
-    assert [size_text(size) for size in sizes] == texts
-
-
 def test_folders_are_remembered_by_the_kind_of_file(tmp_path):
-    stored = PreferenceFile(None)
-    dialogs = Dialogs(stored)
+    stored = {}
+    dialogs = Dialogs({}, stored.update)
     for name in ("meshes", "results"):
         (tmp_path / name).mkdir()
         dialogs._remember(name, tmp_path / name)

@@ -150,7 +150,7 @@ def use_the_list_of_files(gui, tmp_path, sphere_file):
 
 def open_by_the_dialog_of_the_system(gui, tmp_path, sphere_file, monkeypatch):
     """Open a mesh by a library in a subprocess; if that fails, the dialog of the app opens."""
-    monkeypatch.setattr(native_dialog, "is_available", lambda: True)
+    monkeypatch.setattr(native_dialog, "missing", lambda: "")
     gui.menu("File", "Native file dialogs")
     assert not gui.window.preferences.now.native_dialogs
     gui.menu("File", "Native file dialogs")
