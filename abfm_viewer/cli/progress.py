@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
@@ -23,7 +22,7 @@ from rich.table import Column
 from rich.text import Text
 
 from abfm.matching import Iteration
-from abfm.workers.progress import Overall, Step, reporting_steps, rounded_time, within
+from abfm.workers.progress import Overall, Step, reporting_steps, rounded_time, within, work_time
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError, print_line
 from abfm_viewer.document.verdict_words import SOLVING_PHASES, attempt_text, residual_text
@@ -93,7 +92,7 @@ class TaskProgress:
 
     def line(self, now: float | None = None) -> str:
         """Return a line to print at a time, by default now; mostly empty."""
-        step, now = self.overall.step, time.monotonic() if now is None else now
+        step, now = self.overall.step, work_time() if now is None else now
         if step is None or now - self.overall.began < SILENT_SECONDS:
             return ""
         outermost = step.chain[-1]

@@ -243,13 +243,14 @@ class Dialogs:
                 take(path)
 
         def take(path: Path) -> None:
-            self._remember(kind, path.parent)
+            self.remember_folder(kind, path.parent)
             self.pop()
             on_path(path)
 
         self._open.append((one, answered))
 
-    def _remember(self, kind: FileKind, folder: Path) -> None:
+    def remember_folder(self, kind: FileKind, folder: Path) -> None:
+        """Make a folder the one in which dialogs for a kind of file start."""
         others = (known for known in self._recent.get(kind, ()) if known != str(folder))
         self._recent = self._recent | {kind: (str(folder), *others)[:_RECENT_FOLDERS_MAX]}
         self._store(self._recent)

@@ -22,7 +22,8 @@ if os.name == "posix":  # end also the program that shows the dialog
     signal.signal(signal.SIGTERM, lambda *_: os.killpg(0, signal.SIGKILL))
 import crossfiledialog
 sys.stdout.reconfigure(encoding="utf-8", errors="surrogateescape")
-print(crossfiledialog.open_file(sys.argv[1], sys.argv[2], sys.argv[3:]) or "", end="")
+files = {"Supported files": sys.argv[3:]}
+print(crossfiledialog.open_file(sys.argv[1], sys.argv[2], files) or "", end="")
 """
 _REMOTE_VARIABLES = ("SSH_CONNECTION", "SSH_CLIENT", "SSH_TTY", WIDGETS_VARIABLE)
 _PROGRAMS = ("zenity", "kdialog")

@@ -198,7 +198,6 @@ def _draw_verdict(context: Context) -> None:
     if solver.failed:
         ui.note(f"The solver stopped: {solver.reason}", "failure")
     elif result is None:
-        ui.note("No match yet", "ink")
         _draw_before(context)
     if result is not None and session.steps.busy:
         ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
@@ -208,12 +207,14 @@ def _draw_verdict(context: Context) -> None:
 
 def _draw_before(context: Context) -> None:
     ui, session = context.ui, context.session
-    if (facts := session.work.expected_facts) is not None:
-        note_with_help(context, _expected_text(facts), facts.tone, facts.topics)
-        return
-    if (overall := session.work.overall) is not None:
+    facts, overall = session.work.expected_facts, session.work.overall
+    if overall is not None and facts is None:
         draw_overall(ui, overall)
         ui.note(capital(overall.detail()))
+        return
+    ui.note("No match yet", "ink")
+    if facts is not None:
+        note_with_help(context, _expected_text(facts), facts.tone, facts.topics)
         return
     failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"

@@ -341,7 +341,7 @@ class MatchWork(Work):
 
     @property
     def expected_obstacles(self) -> tuple[abfm.outcome.Facts, ...]:
-        if self.parts.solver.running or self.obstacle:
+        if self.obstacle:
             return ()
         goal = Parameters(goal=self.document.parameters.goal)
         spec = replace(self.problem, parameters=goal)
@@ -350,7 +350,7 @@ class MatchWork(Work):
 
     @property
     def sufficient_smoothing(self) -> tuple[int, float] | None:
-        if self.parts.solver.running or self.obstacle:
+        if self.obstacle:
             return None
         spec = replace(self.problem, parameters=Parameters())
         given = spec, self.parts.functions.of_document(self.document)

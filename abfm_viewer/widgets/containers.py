@@ -243,6 +243,11 @@ def menu_button(ui: Ui, name: str, tip: str, enabled: bool) -> Iterator[bool]:
         opened = bool(imgui.IsPopupOpen(f"{name} menu"))
         ui.record_item(name, "menu", text="open" if opened else "closed", tip=tip)
         ui.tip("" if opened else tip)
+    # the menu is below its button, and ends at the edge of a panel at the right of the window
+    place, right = (imgui.GetItemRectMin()[0], imgui.GetItemRectMax()[1]), ui.record.areas[0][2]
+    if is_right := place[0] > 0.5 * right:
+        place = right - imgui.GetStyle().WindowPadding[0], place[1]
+    imgui.SetNextWindowPos(place, imgui.ImGuiCond_Appearing, (float(is_right), 0))
     opened = bool(imgui.BeginPopup(f"{name} menu"))
     try:
         with ui.record.within(name, ui.record.areas[0]):

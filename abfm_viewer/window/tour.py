@@ -167,8 +167,9 @@ class Tour:
         height = self.place[3] - self.place[1] or ui.px(_HEIGHT)
         area = panel if target[0] >= panel[0] else None
         left, top = placement.beside(target, area, window, (width, height), ui.px(_GAP))
-        if SCENE in self._stops[0].targets:  # below the surfaces, next to the colour bar
-            left, top = target[2] - width - ui.px(_GAP), target[3] - height - ui.px(_GAP)
+        if SCENE in self._stops[0].targets:  # over the panel, as it would cover surfaces elsewhere
+            left = min(target[2], window[2] - width - ui.px(_GAP)) + ui.px(_GAP)
+            top = target[3] - height
         with card(ui, "tour", (left, top + height, width), ui.colors.accent, window[3] - window[1]):
             number = self._count - len(self._stops) + 1
             ui.line(f"{stop.title}  ({number} of {self._count})", "muted")

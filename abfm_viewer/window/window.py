@@ -23,7 +23,9 @@ from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import limit_pools
 from abfm_viewer.dialogs import native_dialog
+from abfm_viewer.dialogs.dialogs import FileKind
 from abfm_viewer.document.document import Theme
+from abfm_viewer.files.contents import PROJECT, RESULT
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.panels import cards, result_table, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
@@ -138,6 +140,8 @@ def open_window(
     window = Window(session, backend, size, state)
     if not isinstance(inputs, TriangleMesh) and paths:
         window.files.record_paths(*paths[: 1 if ambiguous else 2])
+        kind: FileKind = "results" if table or first.suffix in (PROJECT, RESULT) else "meshes"
+        window.dialogs.remember_folder(kind, paths[0].absolute().parent)
     if table is not None:
         window.files.tables.take(table)
     if ambiguous is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import threading
-import time
 import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -17,7 +16,7 @@ from scipy.sparse.linalg import splu
 from abfm.numerics.available_memory import require_memory
 from abfm.numerics.factoring_in_subprocess import is_factored_in_subprocess
 from abfm.types import FloatArray
-from abfm.workers.progress import step
+from abfm.workers.progress import step, work_time
 from abfm.workers.worker import Call, Worker, WorkerEndedError
 
 try:
@@ -109,7 +108,7 @@ class _SubprocessFactor:
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._lock = threading.Lock()
-        self._unknowns, self._since = matrix.shape[0], time.monotonic()
+        self._unknowns, self._since = matrix.shape[0], work_time()
         self._worker = Worker(_FactorHolder, "the process that factors a linear system has ended")
         self._factoring: Call[None] | None = self._worker.call(_FactorHolder.factor, matrix)
 

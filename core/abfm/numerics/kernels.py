@@ -20,7 +20,7 @@ from scipy import sparse
 
 from abfm.errors import AbfmError
 from abfm.types import FloatArray, IndexArray
-from abfm.workers.progress import step
+from abfm.workers.progress import compiling
 
 try:
     with warnings.catch_warnings():
@@ -47,7 +47,7 @@ class _CompilationListener(numba.core.event.Listener):
 
     def on_start(self, event: object) -> None:
         current = ExitStack()
-        current.enter_context(step("compiling, once on this machine"))
+        current.enter_context(compiling())
         self._open_steps.all = [*getattr(self._open_steps, "all", []), current]
 
     def on_end(self, event: object) -> None:

@@ -13,10 +13,11 @@ import numpy as np
 from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
+from abfm.maps.distortion import BOUNDED_SHARE, Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.spherical import is_sphere
 from abfm.matching.judging.cause import Cause
-from abfm.matching.judging.facts import known_numbers
+from abfm.matching.judging.facts import LOG2_AREA_GOOD, known_numbers
 from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.result import Match, match_of, match_parts, substitutes
 from abfm.matching.solving.record import StopReason
@@ -159,6 +160,7 @@ class Registration(Correspondence):
             evidence=evidence,
             initial_residual=self.initial_residual if is_known else match.initial_residual,
             log2_area_95=areas.p95,
+            distortion_min=self._distortion_min(distortion),
         ).facts()
         of_map = {
             "verified_residual": match.verified_residual,
@@ -180,6 +182,17 @@ class Registration(Correspondence):
             topics += (WarningTopic.FLIPPED_FACES,)
         numbers = {**facts.numbers, **known_numbers(of_map)}
         return replace(facts, numbers=numbers, warnings=warnings, topics=topics)
+
+    def _distortion_min(self, complete: Distortion) -> float:
+        """Return the bound of distortion of the initial map; inf if the flow is hardly the cause.
+
+        A smaller bound may be out of reach, because the flow cannot undo the initial map.
+        """
+        if complete.log2_area.p95 <= LOG2_AREA_GOOD:
+            return 0.0
+        first = self.initial.distortion()
+        least = math.inf if first.folded else first.bound_of(BOUNDED_SHARE)
+        return least if least < complete.bound_of(BOUNDED_SHARE) else math.inf
 
     @property
     def verified_residual(self) -> float:

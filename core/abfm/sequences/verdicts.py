@@ -29,7 +29,7 @@ _UNSOLVED_VERDICT = Verdict(
     ADVICE[Cause.NOT_SOLVED],
     cause=Cause.NOT_SOLVED,
 )
-
+_CONFIRMED = "each frame is advected to the next one, also along flow lines"
 
 NUMBERS = ("residual", "verified_residual", "folded", "motion_share")
 """Measurements of each interval, (T - 1,), except the last, which is one number for all."""
@@ -55,7 +55,7 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
     share = f"{confirmed} of {counted(count, 'interval')}"
     solved = [not is_unsolved(verdict) for verdict in verdicts]
     others = [verdict for verdict in verdicts if not verdict.kind.is_good]
-    causes = Counter(verdict.why for verdict in others if verdict.why)
+    causes = Counter(verdict.why or verdict.reason for verdict in others)
     missing, unconfirmed = solved.count(False), len(others) - solved.count(False)
     warnings = [f"{counted(missing, 'interval')} not solved"] if missing else []
     if outcome.is_good and unconfirmed:
@@ -64,7 +64,7 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
     return Facts(
         outcome,
         f"{outcome}: {share} confirmed",
-        "; ".join([f"flow lines confirm {share}", *(why for why, _ in causes.most_common(1))]),
+        causes.most_common(1)[0][0] if causes else _CONFIRMED,
         numbers={
             name: float(np.median(known)) if (known := each[np.isfinite(each)]).size else None
             for name, each in zip(NUMBERS, numbers, strict=True)

@@ -21,6 +21,9 @@ from abfm.workers.control import checkpoint
 
 Item = TypeVar("Item")
 
+COMPILING = "compiling, once on this machine"
+_compilation_seconds = 0.0  # of all finished compilations of this process
+
 # rates measured at a smaller share of the largest measured work do not predict large works
 _WORK_SHARE_MIN = 0.25
 _SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coarse
@@ -34,6 +37,11 @@ _RISE_MIN = 1.5  # a longer remaining time is shown from this multiple of the on
 _TIMES = (5, 10, 20, 30, 45, 60, 120, 180, 300, 420, 600, 900, 1200, 1800, 2700, 3600)
 
 
+def work_time() -> float:
+    """Return the time of a clock in seconds, which a finished compilation has not moved."""
+    return time.monotonic() - _compilation_seconds
+
+
 @dataclass(frozen=True)
 class Step:
     """A step of long-running work."""
@@ -41,7 +49,7 @@ class Step:
     task: str
     expected: float | None = None  # duration in seconds; None if unknown
     done: float | None = None  # completed share, 0 to 1; None if it is not counted
-    began: float = field(default_factory=time.monotonic)  # start, by `time.monotonic`
+    began: float = field(default_factory=work_time)  # start, by `work_time`
     after: float | None = None
     """Seconds of the phases that follow in the same task, if this step is a phase; else None."""
     repeats: float = 0.0  # how often a phase as long as this one follows
@@ -105,10 +113,10 @@ class Step:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes and the present time, because clocks of processes may differ."""
-        return vars(self) | {"now": time.monotonic()}
+        return vars(self) | {"now": work_time()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        state["began"] += time.monotonic() - state.pop("now")
+        state["began"] += work_time() - state.pop("now")
         vars(self).update(state)
 
     def text(self, now: float | None = None) -> str:
@@ -127,7 +135,7 @@ class Overall:
     """The progress of a complete task, as a share and a text that do not jump.
 
     The share never falls by more than a tenth. The remaining time is rounded up, and does not
-    follow small changes of its estimate.
+    follow small changes of its estimate. Both stand still while Numba compiles.
     """
 
     def __init__(self, now: float | None = None) -> None:
@@ -137,10 +145,15 @@ class Overall:
         self._most = 0.0  # the largest share so far
         self._shown = math.inf  # the remaining time that was shown last
         self._paused: float | None = None  # when the task was paused
+        self._compiles = False
 
     def update(self, step: Step | None) -> None:
         """Take the present step of the task into account; None between two steps."""
         self.step, self._latest = step, step or self._latest
+        compiles = step is not None and step.task == COMPILING
+        if compiles is not self._compiles:
+            self._compiles = compiles
+            self.set_paused(compiles)
 
     def share(self, now: float | None = None) -> float | None:
         """Return the completed share, 0 to 1; None until it can be estimated."""
@@ -171,7 +184,7 @@ class Overall:
 
     def text(self, now: float | None = None) -> str:
         """Return ``within about 20 s``; empty if the remaining time is unknown."""
-        if (seconds := self.seconds_remaining(now)) is None:
+        if self._compiles or (seconds := self.seconds_remaining(now)) is None:
             return ""
         wanted = next((most for most in _TIMES if _MARGIN * seconds <= most), seconds)
         if wanted < self._shown or seconds > _RISE_MIN * self._shown:
@@ -202,7 +215,17 @@ def rounded_time(seconds: float) -> str:
 
 
 def _time(now: float | None) -> float:
-    return time.monotonic() if now is None else now
+    return work_time() if now is None else now
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """Report a compilation as a step, which delays no estimate of other steps."""
+    global _compilation_seconds
+    began = work_time()
+    with step(COMPILING):
+        yield
+        _compilation_seconds += work_time() - began
 
 
 def progress_text(what: str, step: Step | None) -> str:
@@ -265,10 +288,10 @@ def step(
 
     ``work`` is the amount of work, in a unit that depends on the task; it predicts the duration.
     ``about`` is added to the name in reports, for example the size. ``since`` is the start by
-    `time.monotonic`, by default now. ``after`` makes the step a `phase`.
+    `work_time`, by default now. ``after`` makes the step a `phase`.
     """
     expected = usual_seconds(task, work) if work else None
-    began = time.monotonic() if since is None else since
+    began = work_time() if since is None else since
     with _reported(Step(f"{task}{about}", expected, None, began, after)) as change:
         done = 0.0
 
@@ -280,7 +303,7 @@ def step(
 
         yield report
         if work:
-            _store_rate(task, (time.monotonic() - began) / work, work)
+            _store_rate(task, (work_time() - began) / work, work)
 
 
 @contextmanager
@@ -293,9 +316,9 @@ def phase(
     estimated seconds of the phases that follow, and ``repeats`` is the number of following phases
     as long as this one.
     """
-    began = time.monotonic()
+    began = work_time()
     with _reported(Step(task, None, None, began, after, repeats)) as change:
-        yield lambda left, name: change(task=name, expected=time.monotonic() - began + left)
+        yield lambda left, name: change(task=name, expected=work_time() - began + left)
 
 
 def usual_seconds(task: str, work: float) -> float | None:

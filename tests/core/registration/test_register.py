@@ -161,6 +161,16 @@ def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
     assert "it may be wrong" in facts.warnings
 
 
+@pytest.mark.parametrize(("scale", "limit"), [(1, "1"), (1.5, "1.2"), (8, "")])
+def test_advised_limit_of_distortion_is_reachable(found, monkeypatch, scale, limit):
+    """A flow need not undo the distortion of the initial map."""
+    first = found.initial.distortion()
+    monkeypatch.setattr(Correspondence, "distortion", lambda _: first.scaled(scale))
+    monkeypatch.setattr(Registration, "distortion", lambda _: first.scaled(4))
+    advice = Registration(found.initial, found.match, (), found.functions).facts.advice
+    assert advice.partition("max_distortion ")[2].partition(";")[0] == limit
+
+
 def test_headline_of_landmarks_names_the_doubtful_map():
     """Landmarks that a flow reaches on B do not confirm the initial map."""
     found = register(B, B, landmarks=[[0, 0]], initial="connectivity")

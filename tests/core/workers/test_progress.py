@@ -153,6 +153,20 @@ def test_pause_of_a_task_does_not_count(monkeypatch):
     assert found.share() == 0.5
 
 
+def test_compilation_moves_no_estimate(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(progress, "_compilation_seconds", 0.0)
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    found = Overall()
+    with reporting_steps(found.update), phase("match") as report:
+        report(20.0, "match")
+        clock[0] = 10.0
+        with progress.compiling():
+            clock[0] = 100.0
+            assert (found.share(), found.text(), found.detail()) == (0.5, "", progress.COMPILING)
+        assert (found.share(), found.text()) == (0.5, "within about 20 s")
+
+
 def test_remaining_time_includes_later_phases():
     def work():
         with phase("A to B", repeats=1):

@@ -159,7 +159,7 @@ def open_by_the_dialog_of_the_system(gui, tmp_path, sphere_file, monkeypatch):
     library.mkdir()
     monkeypatch.setenv("PYTHONPATH", str(library))
     monkeypatch.setattr(gui.window.dialogs, "uses_native", lambda: True)
-    answer = "def open_file(title, folder, patterns):\n    assert '*.off' in patterns\n"
+    answer = "def open_file(title, folder, files):\n    assert '*.off' in files['Supported files']\n"
     (library / "crossfiledialog.py").write_text(f"{answer}    return {str(sphere_file)!r}\n")
     gui.menu("File", "Open mesh...")
     sphere_opened(gui)
@@ -347,7 +347,7 @@ def take_the_tour(gui):
     gui.menu("Help", "Tour")
     assert window.preferences.now.tour_seen
     gui.frames(2)
-    assert tour.place[2] < window.parts.panel[0]  # the button Match is visible
+    assert tour.place[0] >= window.parts.scene[2]  # all surfaces are visible
     gui.input.drag((100, 200), (130, 210))
     gui.frames(2)
     assert gui.session.view.viewpoint != begun.viewpoint

@@ -140,7 +140,12 @@ def scale_and_smooth_by_hints(gui, notes):
     [hint] = [text for text, tone in notes() if tone == session.work.expected_facts.tone][-1:]
     assert "2 peaks" in hint
     gui.wait(lambda s: s.work.sufficient_smoothing)
+    gui.click("Match")
     gui.frames(2)
+    assert session.solver.running
+    assert hint in [text for text, _ in notes()]
+    gui.click("Cancel")
+    gui.wait(lambda s: s.solver.finished)
     _, length = session.work.sufficient_smoothing
     gui.click("Smooth")
     settled(gui)

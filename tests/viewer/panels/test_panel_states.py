@@ -89,12 +89,8 @@ def result_of(match, kind, reason="", *remedies, stop_reason=StopReason.CONVERGE
     )
 
 
-def states_of_a_match(gui):
-    session = gui.session
-    session.editor.amend(channels=(CHANNEL,), parameters=PARAMETERS)
-    gui.wait(lambda s: not s.obstacle)
-    gui.wait(lambda s: s.work.expected_facts is not None)
-    yield "no match", TABS
+def begin_match(session):
+    """Let a match run that computes nothing."""
     solver, matching = session.solver, session.matching
     now = iterate(iteration=7, vertices=162, view=IteratePicture(None), attempt=2, attempts=2)
     now = replace(now, residual=0.5)
@@ -104,13 +100,27 @@ def states_of_a_match(gui):
         matching._history.add(replace(now, attempt=1 + number // 2))
     solver._working, solver._control = Future(), Control()
     matching.running, solver.state = True, RunState.RUNNING
-    yield "running", ["Match"]
-    solver.state = RunState.PAUSED
+
+
+def end_match(session):
+    session.matching.running, session.matching.snapshot = False, None
+    session.solver.state = RunState.ENDED
+
+
+def states_of_a_match(gui):
+    session = gui.session
+    session.editor.amend(channels=(CHANNEL,), parameters=PARAMETERS)
+    gui.wait(lambda s: not s.obstacle)
+    gui.wait(lambda s: s.work.expected_facts is not None)
+    yield "no match", TABS
+    begin_match(session)
+    yield "running", TABS
+    session.solver.state = RunState.PAUSED
     yield "paused", ["Match"]
-    matching.running, matching.snapshot = False, None
-    solver.state, solver.reason = RunState.FAILED, "memory ran out"
+    end_match(session)
+    session.solver.state, session.solver.reason = RunState.FAILED, "memory ran out"
     yield "failed", ["Match"]
-    solver.state = RunState.ENDED
+    end_match(session)
     match = abfm.match(MESH, MESH.vertices[:, 0], MESH.vertices[:, 1], PARAMETERS)
     record = RunRecord(match.energy_history, match.stages, (), 0.04, "")
     more = Remedy("More time", "use more iterations, such as 100", {"iterations": 100})
@@ -127,7 +137,7 @@ def states_of_a_match(gui):
     yield "interrupted", ["Match"]
     session.editor.set_parameter(alpha=0.5)
     gui.wait(lambda s: s.work.expected_facts is not None)
-    yield "outdated", ["Match"]
+    yield "outdated", TABS
 
 
 def states_of_a_pair(gui):
@@ -136,12 +146,18 @@ def states_of_a_pair(gui):
     gui.session.restore(document, {}, None)
     gui.wait(lambda s: not s.obstacle)
     gui.wait(lambda s: s.work.expected_facts is not None)
-    yield "no match", ["Functions", "Match", "Export"]
+    yield "no match", TABS
+    begin_match(gui.session)
+    yield "running", ["Match", "Export"]
+    end_match(gui.session)
     match = abfm.match(MESH, MESH.vertices[:, 0], MESH.vertices[:, 1], PARAMETERS)
     initial = gui.session.work.prepared.initial
     gui.session.editor.amend(result=result_of(match, Outcome.MATCHED), initial_map=initial)
     gui.wait(lambda s: s.work.facts is not None and s.work.facts.is_complete)
     yield "matched", ["Match", "Look", "Export"]
+    gui.session.editor.set_parameter(alpha=0.5)
+    gui.wait(lambda s: s.work.expected_facts is not None)
+    yield "outdated", ["Match", "Export"]
 
 
 def states_of_a_subject(gui):
@@ -169,8 +185,15 @@ def states_of_a_sequence(gui):
     gui.frames(2)
     yield "no match", TABS
     found = abfm.sequence(MESH, frames, None, defaults(sigma=0.5))
+    run, solver = gui.session.sequence_match, gui.session.solver
+    run.running_document, run._fields = document, {0: found.velocity[0]}
+    solver._working, solver._control, solver.state = Future(), Control(), RunState.RUNNING
+    yield "running", ["Match", "Look", "Export"]
+    run.running_document, run._fields, solver.state = None, {}, RunState.ENDED
     gui.session.editor.amend(result=found)
-    yield "matched", ["Match"]
+    yield "matched", ["Match", "Look", "Export"]
+    gui.session.editor.amend(settings=replace(document.settings, gamma=0.5))
+    yield "outdated", ["Match", "Export"]
 
 
 def states_of_a_table(gui):

@@ -267,6 +267,7 @@ from abfm_viewer.window.window import open_window
 from abfm.assets import asset_path
 for moment, iterations in (("solver", 100_000), ("streaks", 10)):
     window = open_window(asset_path("eight.off"), "openGL3_egl", (400, 300), Path(sys.argv[1]))
+    assert Path(window.preferences.now.folders["meshes"][0]) == asset_path("eight.off").parent
     session = window.session
     while session.obstacle:
         window.frame()

@@ -45,6 +45,7 @@ class Report:
     log2_area_95: float = math.nan
     load_warning: str = ""
     choice: str = ""  # the choice of sigma in words, see `abfm.matching.path.choice_text`
+    distortion_min: float = 0.0  # least bound of distortion that is surely reached
 
     def facts(self) -> Facts:
         evidence, verdict = self.evidence, self.verdict
@@ -136,9 +137,12 @@ class Report:
     def _advice(self) -> str:
         if self.verdict.advice or not self._distorts or self.evidence.bound is not None:
             return self.verdict.advice
+        limit = max(LOG2_AREA_GOOD, self.distortion_min)
+        if not math.isfinite(limit):
+            return ""
         return (
-            f"limit the distortion, for example with max_distortion {LOG2_AREA_GOOD:g}; a larger "
-            "limit allows a smaller residual"
+            f"limit the distortion, for example with max_distortion {math.ceil(10 * limit) / 10:g}; "
+            "a larger limit allows a smaller residual"
         )
 
     def _numbers(self) -> dict[str, float | None]:

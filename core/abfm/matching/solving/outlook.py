@@ -6,12 +6,12 @@ rounded up from their means.
 
 from __future__ import annotations
 
-import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from typing import NamedTuple
 
 from abfm.matching.solving.settings import SETTINGS
+from abfm.workers.progress import work_time
 
 SECOND_SHARE = 0.3  # share of matches whose first attempt fails
 REFINED_SHARE = 0.8  # share of matches that are refined after a failed attempt, if they can be
@@ -68,7 +68,7 @@ class Outlook:
         self._name = "match"  # the phase that was reported last
         self._latest: Key | None = None
         self._untimed = 0  # number of the next iterations whose time is not used
-        self._now = self._reported = time.monotonic()
+        self._now = self._reported = work_time()
 
     def plan(self, plan: Plan) -> None:
         """Take the next step of a continuation into account."""
@@ -82,7 +82,7 @@ class Outlook:
     def add(self, vertices: int) -> None:
         """Take an iterate on a level with this number of vertices into account."""
         assert self._plan is not None
-        now, key = time.monotonic(), (vertices, self._plan.fields)
+        now, key = work_time(), (vertices, self._plan.fields)
         if key != self._latest:
             self._untimed, self._latest = _UNTIMED_ITERATIONS, key
         if not self._timed[key]:

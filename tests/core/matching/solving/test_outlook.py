@@ -1,13 +1,13 @@
 import pytest
 
-from abfm.matching.solving import outlook
 from abfm.matching.solving.outlook import Outlook, Plan, expected_seconds
+from abfm.workers import progress
 
 
 class Clock:
     def __init__(self, monkeypatch):
         self.now, self.reports = 0.0, []
-        monkeypatch.setattr(outlook.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(progress.time, "monotonic", lambda: self.now)
         self.outlook = Outlook(lambda seconds, name: self.reports.append((name, seconds)))
 
     def iterate(self, plan, iterations, seconds, vertices=1000):
