@@ -140,9 +140,10 @@ class Report:
         limit = max(LOG2_AREA_GOOD, self.distortion_min)
         if not math.isfinite(limit):
             return ""
+        example = f"max_distortion {math.ceil(10 * limit) / 10:g}"
         return (
-            f"limit the distortion, for example with max_distortion {math.ceil(10 * limit) / 10:g}; "
-            "a larger limit allows a smaller residual"
+            f"limit the distortion, for example with {example}; a larger limit allows a smaller "
+            "residual"
         )
 
     def _numbers(self) -> dict[str, float | None]:
