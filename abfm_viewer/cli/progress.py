@@ -77,7 +77,7 @@ class TaskProgress:
     """The progress of a task as texts of one line."""
 
     def __init__(self) -> None:
-        self.overall = Overall()
+        self.overall = Overall(has_phases=True)
         self.iteration: Iteration | None = None  # the latest one
         self.iterating = ""  # the phase of this iteration
         self._begun = "", ""  # the latest printed phase and its part

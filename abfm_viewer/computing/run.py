@@ -141,7 +141,7 @@ class Run(Generic[Result]):
         When the run is over, `collect` passes the result to ``then``. After an error it passes the
         result of ``recover``. ``resumes`` is true if partial results of an earlier run exist.
         """
-        self.state, self.reason, self.overall = RunState.RUNNING, "", Overall()
+        self.state, self.reason, self.overall = RunState.RUNNING, "", Overall(has_phases=True)
         self.started, self.has_partial_results = self.started + 1, resumes
         self._control, self._then = Control(), then
         self._result: Result | None = None

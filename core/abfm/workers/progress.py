@@ -31,8 +31,11 @@ _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 _EXCESS_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
 _FALL_MAX = 0.1  # largest amount by which the share of a task may fall
+# delay with which the estimate of the end follows changes: in seconds, plus a share of elapsed time
+_DELAY_SECONDS = 3.0
+_DELAY_SHARE = 0.1
 _MARGIN = 1.1  # a shown remaining time is at least this multiple of its estimate
-_RISE_MIN = 1.5  # a longer remaining time is shown from this multiple of the one before
+_RISE_MIN = 1.25  # a longer remaining time is shown from this multiple of the one before
 # remaining times that are shown, in seconds
 _TIMES = (5, 10, 20, 30, 45, 60, 120, 180, 300, 420, 600, 900, 1200, 1800, 2700, 3600)
 
@@ -103,6 +106,10 @@ class Step:
                 break
         return ", ".join(names)
 
+    @property
+    def is_in_phase(self) -> bool:
+        return any(each.after is not None for each in self.chain)
+
     def inside(self, outer: Step | None) -> Step:
         """Return the step with another one around it and around its enclosing steps."""
         return replace(self, outer=self.outer.inside(outer) if self.outer else outer)
@@ -135,15 +142,19 @@ class Overall:
     """The progress of a complete task, as a share and a text that do not jump.
 
     The share never falls by more than a tenth. The remaining time is rounded up, and does not
-    follow small changes of its estimate. Both stand still while Numba compiles.
+    follow small or short changes of its estimate. Both stand still while Numba compiles. If the
+    task ``has_phases``, no step outside them predicts its end.
     """
 
-    def __init__(self, now: float | None = None) -> None:
+    def __init__(self, now: float | None = None, has_phases: bool = False) -> None:
+        self._has_phases = has_phases
         self.began = _time(now)
         self.step: Step | None = None  # the present step
         self._latest: Step | None = None  # the present step or, between two steps, the last one
         self._most = 0.0  # the largest share so far
         self._shown = math.inf  # the remaining time that was shown last
+        # the estimate of the end, which follows its changes slowly, and when it was updated
+        self._end = self._updated = math.nan
         self._paused: float | None = None  # when the task was paused
         self._compiles = False
 
@@ -167,8 +178,21 @@ class Overall:
     def seconds_remaining(self, now: float | None = None) -> float | None:
         """Return the estimated seconds to the end; None in the first seconds, or if unknown."""
         now = self._now(now)
-        is_early = now - self.began < _SECONDS_SHOWN_MIN
-        return None if is_early or self._latest is None else self._latest.seconds_of_task(now)
+        elapsed = now - self.began
+        step = self._latest
+        is_estimate = step is not None and (step.is_in_phase or not self._has_phases)
+        seconds = step.seconds_of_task(now) if step and is_estimate else None
+        if elapsed < _SECONDS_SHOWN_MIN:
+            return None
+        if math.isnan(self._end):
+            if seconds is None:
+                return None
+            self._end = now + seconds
+        elif seconds is not None:
+            delay = _DELAY_SECONDS + _DELAY_SHARE * elapsed
+            self._end += math.expm1((self._updated - now) / delay) * (self._end - now - seconds)
+        self._updated = now
+        return max(self._end - now, 0.0)
 
     @property
     def name(self) -> str:

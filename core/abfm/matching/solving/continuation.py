@@ -41,7 +41,6 @@ from abfm.matching.solving.outlook import (
     SECOND_SHARE,
     Outlook,
     Plan,
-    expected_seconds,
 )
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
@@ -127,10 +126,9 @@ class Solution:
 
 def solve(energy: MatchingEnergy, record: Record) -> Solution:
     """Run a continuation and return its best result, also if it is cancelled or memory runs out."""
+    state, reason = init(energy, record), None
     with phase("match") as report:
-        report(expected_seconds(len(energy.mesh.vertices)), "match")
-        state, reason = init(energy, record), None
-        record.outlook = Outlook(report)
+        record.outlook = Outlook(report, state.levels.all[0].energy.discretisation.size)
         try:
             while not terminate(state):
                 record.outlook.plan(_outlook(state))

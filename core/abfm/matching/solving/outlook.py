@@ -56,10 +56,13 @@ class Plan(NamedTuple):
 
 
 class Outlook:
-    """Measures the time of iterations, and reports the remaining seconds and the phase."""
+    """Measures the time of iterations, and reports the remaining seconds and the phase.
 
-    def __init__(self, report: Callable[[float, str], None]) -> None:
-        self._report = report
+    ``vertices`` is the number of vertices of the first mesh.
+    """
+
+    def __init__(self, report: Callable[[float, str], None], vertices: int) -> None:
+        self._report, self._vertices = report, vertices
         self._plan: Plan | None = None
         self._done = 0  # iterations of the present step
         self._attempts: list[list[int]] = [[]]  # iterations of each step, by attempt
@@ -78,6 +81,8 @@ class Outlook:
             elif plan.steps:
                 self._attempts.append([])
         self._plan, self._done = plan, 0
+        if self._latest is None:
+            self._report(self.seconds(plan), self._name)
 
     def add(self, vertices: int) -> None:
         """Take an iterate on a level with this number of vertices into account."""
@@ -101,9 +106,8 @@ class Outlook:
             self._report(self.seconds(self._plan), name)
 
     def seconds(self, plan: Plan) -> float:
-        """Return the estimated remaining seconds after the latest iterate."""
-        assert self._latest is not None
-        vertices, fields = self._latest
+        """Return the estimated remaining seconds, after the latest iterate if there is one."""
+        vertices, fields = self._latest or (self._vertices, plan.fields)
         each, later = self._each(vertices, fields), _SECONDS_PER_VERTEX * vertices
         if plan.steps:
             steps = self._usual_steps(plan.steps)

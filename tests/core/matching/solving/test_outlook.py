@@ -8,7 +8,7 @@ class Clock:
     def __init__(self, monkeypatch):
         self.now, self.reports = 0.0, []
         monkeypatch.setattr(progress.time, "monotonic", lambda: self.now)
-        self.outlook = Outlook(lambda seconds, name: self.reports.append((name, seconds)))
+        self.outlook = Outlook(lambda seconds, name: self.reports.append((name, seconds)), 1000)
 
     def iterate(self, plan, iterations, seconds, vertices=1000):
         """Do some iterations of a step of the continuation, each in a number of seconds."""
@@ -32,6 +32,13 @@ def test_remaining_time_is_proportional_to_that_of_an_iteration(monkeypatch):
         clock = Clock(monkeypatch)
         clock.iterate(Plan(1, steps=4), 60, seconds)
         assert clock.remaining == pytest.approx(50 * seconds, rel=0.2)
+
+
+def test_first_estimate_precedes_the_first_iteration(clock):
+    clock.iterate(Plan(1, steps=4), 0, 1.0)
+    few = clock.remaining
+    clock.iterate(Plan(1, steps=8), 0, 1.0)
+    assert 0.1 < 1.5 * few < clock.remaining < 10
 
 
 def test_second_attempt_is_expected_to_be_like_the_first(clock):
