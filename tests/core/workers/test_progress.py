@@ -131,18 +131,8 @@ def test_remaining_time_follows_large_changes_only():
     ends = np.repeat([50.0, 55.0, 200.0], [10, 10, 170])
     times = [text.removeprefix("within about ") for text in overall(ends - np.arange(3, 193))[1]]
     changes = [time for time, _ in groupby(times)]
-    assert changes == [
-        "1 min",
-        "45 s",
-        "2 min",
-        "3 min",
-        "2 min",
-        "1 min",
-        "45 s",
-        "30 s",
-        "20 s",
-        "10 s",
-    ]
+    assert changes[:4] == ["1 min", "45 s", "2 min", "3 min"]
+    assert changes[4:] == ["2 min", "1 min", "45 s", "30 s", "20 s", "10 s"]
 
 
 def test_remaining_time_ignores_short_changes():

@@ -554,7 +554,7 @@ def test_lines_of_progress_are_few():
         "match: 48%, 2 min so far, within about 2 min",
         "match: mesh of 2,500 vertices, attempt 2 of 2",
         "match: 58%, 2 min so far, within about 2 min",
-        "match: 66%, 3 min so far, within about 2 min",
+        "match: 67%, 3 min so far, within about 2 min",
         "match: 76%, 5 min so far, within about 2 min",
         "refine: mesh of 10,000 vertices",
     ]
