@@ -164,7 +164,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
     The values (V,) are by `Document.values_key`. A damaged file raises a `ResultError`.
     """
     with results.open_archive(path, "project", "Use another copy of the file") as archive:
-        if results.has_format_version(archive):
+        if "format_version" in archive:
             raise ResultError(
                 "a result file, not a project; rename it so that its name ends in .npz"
             )

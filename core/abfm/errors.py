@@ -107,12 +107,10 @@ class AdvectionError(AbfmError):
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return " (did you mean ...?)" with the closest known word; empty if none is similar."""
+    if len(word) > _LETTERS_MAX:
+        return ""
     candidates = [name for name in islice(known, _WORDS_MAX) if len(name) <= _LETTERS_MAX]
-    close = (
-        get_close_matches(word.strip().lower(), candidates, n=1)
-        if len(word) <= _LETTERS_MAX
-        else []
-    )
+    close = get_close_matches(word.strip().lower(), candidates, n=1)
     return f" (did you mean {close[0]!r}?)" if close else ""
 
 

@@ -126,8 +126,8 @@ def _answer(item: WorkItem) -> Answer:
         with ExitStack() as opened:
             row = item.row
             if item.contents:
-                folder = temporary_folder()
-                row = _with_contents(row, item.contents, opened.enter_context(folder))
+                folder = opened.enter_context(temporary_folder())
+                row = _with_contents(row, item.contents, folder)
             if not isinstance(row, Row):
                 return Answer(value=row.compute())
             prepared = row.task()

@@ -50,11 +50,6 @@ class Cluster:
             )
 
     @property
-    def is_local(self) -> bool:
-        """Whether the rows are solved by processes of this machine, started for the run."""
-        return self.scheduler is None and self.scheduler_file is None
-
-    @property
     def processes(self) -> int:
         """Number of processes on this machine."""
         return self.jobs or cores()

@@ -88,12 +88,8 @@ class Row:
         if missing:
             raise ColumnError(missing[0], f" is empty, but the task '{kind}' requires it")
         folder = os.path.abspath(os.path.expanduser(folder)) if folder else ""
-        self.__dict__.update(
-            name=printable(" ".join(str(name).split())),
-            options=given,
-            folder=folder,
-            task_type=task,
-        )
+        title = printable(" ".join(str(name).split()))
+        self.__dict__.update(name=title, options=given, folder=folder, task_type=task)
         self.task_type.check(self.values())
 
     @property

@@ -199,7 +199,7 @@ class Workers:
 
         The latter yields a function that returns whether the workers are reachable.
         """
-        if self.cluster.is_local:
+        if self.cluster.scheduler is None and self.cluster.scheduler_file is None:
             if self._processes is None:
                 self._processes = Processes(self.cluster.processes)
             return self._processes, nullcontext(lambda: True)

@@ -8,15 +8,7 @@ from abfm import Flow, Match, Parameters, Problem, TriangleMesh, function
 from abfm.baselines import linear_blend, optimal_transport
 from abfm.calculus import geodesic_distance, vertex_areas
 from abfm.experiments import scripts
-from abfm.experiments.scripts import (
-    Example,
-    FigureSetup,
-    Findings,
-    Measure,
-    RequestedMatch,
-    Script,
-    gaussian,
-)
+from abfm.experiments.scripts import Example, FigureSetup, Findings, Measure, RequestedMatch, Script
 from abfm.io.sheets import Panel, Sheet, Streaks, Values
 from abfm.matching.path import as_stored
 from abfm.mesh.shapes import three_arms
@@ -69,8 +61,8 @@ def match_one_to_two(
     widths = width * np.geomspace(0.25, 8, 200)
     both = sum(mass(distances, width) for distances in from_targets)
     source_width = round(float(np.interp(both, [mass(from_source, w) for w in widths], widths)), 4)
-    source = gaussian(mesh, centre, source_width)
-    target = " + ".join(gaussian(mesh, vertex, width) for vertex in targets)
+    source = scripts.gaussian(mesh, centre, source_width)
+    target = " + ".join(scripts.gaussian(mesh, vertex, width) for vertex in targets)
     f, g = function(mesh, source), function(mesh, target)
     problem = Problem(mesh, f, g, p)
     yield Example(problem, name, ((source, target),))

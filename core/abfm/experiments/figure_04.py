@@ -7,15 +7,8 @@ import numpy as np
 from abfm import Flow
 from abfm.calculus import directional_derivative, face_areas, gradient, to_frame
 from abfm.calculus.operators import Matrix
-from abfm.experiments import fields
-from abfm.experiments.scripts import (
-    FigureSetup,
-    Findings,
-    Measure,
-    Script,
-    advection_example,
-    size_text,
-)
+from abfm.experiments import fields, scripts
+from abfm.experiments.scripts import FigureSetup, Findings, Measure, Script
 from abfm.io.sheets import Curve, Panel, Plot, Sheet, Values
 from abfm.mesh.shapes import five_limbs
 from abfm.types import FloatArray
@@ -58,7 +51,7 @@ def figure_4(setup: FigureSetup) -> Script:
     # a shorter time on meshes with small triangles, which would need too many linear steps
     tau = min(1.0, math.sqrt(2 * math.log(_GROWTH) * _STEPS_MAX) / frequency_max)
     flow = Flow(mesh, velocity, tau)
-    example = advection_example(flow, name, "eigenfunction:6", "file:advected.npy")
+    example = scripts.advection_example(flow, name, "eigenfunction:6", "file:advected.npy")
     yield example
 
     setup.report("flow lines", 0.0)
@@ -114,7 +107,7 @@ def figure_4(setup: FigureSetup) -> Script:
     growth = {name: values / values[0] for name, values in variations.items()}
     plots = (plot(overshoots, "overshoot / range of f"), plot(growth, "total variation / of f"))
     setting = (
-        f"{size_text(name, mesh)}; the rotated gradient of eigenfunctions "
+        f"{scripts.size_text(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{', '.join(map(str, _MODES))} advects eigenfunction 6 by {_RMS_DISPLACEMENT * tau:.2g} "
         f"sqrt(area) on average; the linear method takes {steps:,} steps. Colors are limited to "
         "the range of the function."

@@ -29,10 +29,8 @@ class Case(fields.Case):
 def figure_5(setup: FigureSetup) -> Script:
     """Find the smoothest field that commutes with a rotation or, on a given mesh, another field."""
     if setup.mesh is None:
-        surfaces, kind = (
-            known_cases((1, 2) if setup.small else (1, 2, 4)),
-            "rotation about the axis",
-        )
+        surfaces = known_cases((1, 2) if setup.small else (1, 2, 4))
+        kind = "rotation about the axis"
     else:
         case = Case(setup.name, setup.mesh, fields.stirring_field(setup.mesh, 1, _SPEED))
         surfaces, kind = [[case]], "rotated gradient of eigenfunction 1"
@@ -129,14 +127,8 @@ def on_gourd(frequency: int) -> Case:
     up = growth * np.cos(angle) - radius * np.sin(angle)
     along = np.stack([out * x / ring, up, out * z / ring], axis=1)
     along /= np.linalg.norm(along, axis=1)[:, None]
-    u = along * np.interp(angle, polar, slope)[:, None]
-    return Case(
-        "surface of revolution",
-        mesh,
-        rotation(mesh),
-        fields.tangential_part(mesh, u),
-        roughness_of_u,
-    )
+    u = fields.tangential_part(mesh, along * np.interp(angle, polar, slope)[:, None])
+    return Case("surface of revolution", mesh, rotation(mesh), u, roughness_of_u)
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:

@@ -157,11 +157,8 @@ def on_torus(n: int, around_tube: bool) -> Case:
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
 
     def exact(time: float) -> FloatArray:
-        p, q = (
-            (about, around - _ANGULAR_SPEED * time)
-            if around_tube
-            else (about - _ANGULAR_SPEED * time, around)
-        )
+        turned = _ANGULAR_SPEED * time
+        p, q = (about, around - turned) if around_tube else (about - turned, around)
         bell = np.exp((np.cos(p) + np.cos(q - 0.9) - 2) / 0.6)
         a, b = -bell * np.sin(q - 0.9), bell * np.sin(p)
         return fields.tangential_part(mesh, a[:, None] * by_about + b[:, None] * by_around)

@@ -33,11 +33,8 @@ def figure_8(setup: FigureSetup) -> Script:
     setup.report("verifying", 0.95)
     verification, notes, missing = scripts.verification_measures(found)
     velocity, given_velocity, matched = found.velocity[0], hidden.velocity[0], found.advected[:, 0]
-    gradient, error, difference = (
-        gradient_field(mesh, f),
-        velocity - given_velocity,
-        np.abs(g - matched),
-    )
+    gradient, error = gradient_field(mesh, f), velocity - given_velocity
+    difference = np.abs(g - matched)
     steepness = np.linalg.norm(gradient, axis=1)
     is_steep = steepness > _SLOPE_SHARE_MIN * steepness.max()
     zeros = np.zeros_like(gradient)
@@ -56,14 +53,10 @@ def figure_8(setup: FigureSetup) -> Script:
     of_slopes = f"error of the field along grad f, {where}, relative L2"
     of_path = "error of <v, grad f_t> over the path, relative L2 on the surface and in time"
     of_functions = "largest |g - f_tau|, f and g on the scale of 1"
+    close = "very close to the original field"
     small = "the error between the functions is very small"
     measures = (
-        Measure(
-            of_slopes,
-            relative_error,
-            "very close to the original field",
-            relative_error <= _DIFFERENCE_MAX,
-        ),
+        Measure(of_slopes, relative_error, close, relative_error <= _DIFFERENCE_MAX),
         Measure(f"share of the surface {where}", share),
         Measure(of_path, rate_error),
         Measure("error of the complete field, relative L2", field_error),

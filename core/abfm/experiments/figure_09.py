@@ -57,10 +57,8 @@ def figure_9(setup: FigureSetup) -> Script:
         alone = scene.problem([scene.bump(scene.marked_vertices[0])], p)
         uncooled = p.with_values(cooling_stages=1, iterations=min(p.solver.iterations, 150))
         without_cooling = scene.problem(scene.coordinate_specs(), uncooled)
-        requested += [
-            RequestedMatch(alone, "one function", 0.2),
-            RequestedMatch(without_cooling, "without cooling", 0.25),
-        ]
+        requested.append(RequestedMatch(alone, "one function", 0.2))
+        requested.append(RequestedMatch(without_cooling, "without cooling", 0.25))
     if setup.mesh is None:
         # matches of a function, and of coordinates, to their mirror images, which no flow can
         # produce
@@ -134,11 +132,8 @@ def figure_10(setup: FigureSetup) -> Script:
     share = float(steep.sum() / max(len(steep), 1))
     measures = (*scene.measures_of(found), Measure(creases, share), *of_maps)
     rows = (function_row(found), scene.map_row(found))
-    return Findings(
-        measures,
-        Sheet(rows, ViewSpec(up="z"), scene.view_functions(), notes=notes),
-        scene.description(),
-    )
+    sheet = Sheet(rows, ViewSpec(up="z"), scene.view_functions(), notes=notes)
+    return Findings(measures, sheet, scene.description())
 
 
 def detect_rotation_or_mirror(mesh: TriangleMesh) -> Symmetry:
@@ -185,11 +180,9 @@ class SymmetryScene:
 
         The functions are the coordinates for a rotation, and a Gaussian for a mirror.
         """
-        sources = (
-            self.coordinate_specs()
-            if self.is_rotation
-            else (self.bump(int(self.displacements.argmax())),)
-        )
+        sources = self.coordinate_specs()
+        if not self.is_rotation:
+            sources = (self.bump(int(self.displacements.argmax())),)
         specs = tuple((spec, f"permuted:{self.symmetry.kind}({spec})") for spec in sources)
         return Example(self.problem(sources, p), self.name, specs)
 
@@ -263,25 +256,17 @@ class SymmetryScene:
         error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)
         distances = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
         error_mean, drift_mean = error.mean(), drift.mean()
-        correct_claim = (
+        of_error = "map error at τ, mean, geodesic / √area"
+        of_drift = "drift at 2 τ, mean, geodesic / √area"
+        correct = (
             "the points and the coordinate functions are smoothly mapped to the correct values"
         )
-        drift_claim = "some drift is noticeable, yet it is relatively small"
+        drifts = "some drift is noticeable, yet it is relatively small"
         return [
             Measure("mismatch of the functions", match.mismatch),
-            Measure(
-                "map error at τ, mean, geodesic / √area",
-                error_mean,
-                correct_claim,
-                error_mean < _ERROR_MAX,
-            ),
+            Measure(of_error, error_mean, correct, error_mean < _ERROR_MAX),
             Measure("map error at τ, 95th percentile", np.quantile(error, 0.95)),
-            Measure(
-                "drift at 2 τ, mean, geodesic / √area",
-                drift_mean,
-                drift_claim,
-                drift_mean < _DRIFT_MAX,
-            ),
+            Measure(of_drift, drift_mean, drifts, drift_mean < _DRIFT_MAX),
             Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
             Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
             Measure(

@@ -90,10 +90,8 @@ def figure_11(setup: FigureSetup) -> Script:
         np.abs(problem.target - f).sum(axis=1) for f in (problem.source, found.advected)
     )
     remaining = remaining_ratio(float(weights @ after), float(weights @ before))
-    of_sum, claim = (
-        "ratio of the pointwise sums of errors after and before",
-        "the matching succeeds",
-    )
+    of_sum = "ratio of the pointwise sums of errors after and before"
+    claim = "the matching succeeds"
     measures = (
         Measure("mean pointwise sum of absolute errors before, sqrt(area)", weights @ before),
         Measure("mean pointwise sum of absolute errors after, sqrt(area)", weights @ after),
@@ -189,20 +187,15 @@ def figure_13(setup: FigureSetup) -> Script:
         theirs = BASIS + reading
         for name in (ONE_FUNCTION, FUNCTIONS):
             ours, better = name + reading, f"{name}: a better reconstruction than [COC15]"
-            difference, deficits = (
-                mean_difference(ours, theirs),
-                (shares[theirs] - shares[ours]).max(),
-            )
-            deficit_max = 100 * max(float(deficits), 0.0)
+            difference = mean_difference(ours, theirs)
+            deficit_max = 100 * max(float((shares[theirs] - shares[ours]).max()), 0.0)
             of_mean = f"{ours}: mean error minus that of the reduced basis{reading}, sqrt(area)"
             of_curve = f"{ours}: largest gap below the curve of the reduced basis{reading}, %"
             measures.append(Measure(of_mean, difference, better, difference < 0))
             measures.append(Measure(of_curve, deficit_max, better, deficit_max == 0))
     for ours in (FUNCTIONS, FUNCTIONS + BY_LINES, FUNCTIONS + BY_NEIGHBOURS):
-        text, difference = (
-            f"{ours}: mean error minus that of the initial map, sqrt(area)",
-            mean_difference(ours, START),
-        )
+        text = f"{ours}: mean error minus that of the initial map, sqrt(area)"
+        difference = mean_difference(ours, START)
         measures.append(Measure(text, difference, "the map is improved", difference < 0))
     flow_effect = "effect of the flow: mean error of"
     measures += [
@@ -253,11 +246,8 @@ class Poses:
     def of(cls, setup: FigureSetup) -> "Poses":
         """Return the two bundled humans, or the mesh of the options and a bent copy of it."""
         if setup.mesh is None:
-            a, b, name = (
-                scripts.bundled("human_A.off"),
-                scripts.bundled("human_B.off"),
-                "human_B.off",
-            )
+            a, b = (scripts.bundled(f"human_{pose}.off") for pose in "AB")
+            name = "human_B.off"
             description = "human_B.off and human_A.off, the same vertices in two poses"
         elif len(setup.mesh.vertices) < _VERTICES_MIN:
             raise MeshError(

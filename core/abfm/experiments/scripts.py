@@ -316,9 +316,8 @@ def verification_measures(found: Match) -> tuple[list[Measure], tuple[str, ...],
         f"Residual of the matched function: {found.residual:.2g}; "
         f"along flow lines: {verification.flow_lines:.2g}."
     )
-    overflows = (
-        " The flow on the subdivided mesh overflows." if math.isinf(verification.subdivided) else ""
-    )
+    is_infinite = math.isinf(verification.subdivided)
+    overflows = " The flow on the subdivided mesh overflows." if is_infinite else ""
     return measures, (note,), overflows
 
 

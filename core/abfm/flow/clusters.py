@@ -36,10 +36,8 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
         return None
     edges, lengths = mesh.edges, edge_lengths(mesh)
     order = np.argsort(lengths, kind="stable")
-    edges, scaled_lengths = (
-        edges[order],
-        lengths[order] / (_NEIGHBOUR_DISTANCE_MAX * np.median(lengths)),
-    )
+    edges = edges[order]
+    scaled_lengths = lengths[order] / (_NEIGHBOUR_DISTANCE_MAX * np.median(lengths))
     for _ in range(_ROUNDS):
         pairs = clusters[edges]
         excess = rates[pairs].max(axis=1) / most

@@ -439,12 +439,8 @@ def _backward_rows(
     three terms. Derivatives by the entries of the matrix are added to ``entries``.
     """
     (k, block), (mu, work) = place, duals
-    indptr, indices, transposed, bounds = (
-        series.indptr,
-        series.indices,
-        series.values,
-        series.bounds,
-    )
+    indptr, indices = series.indptr, series.indices
+    transposed, bounds = series.values, series.bounds
     factor, weight = series.scale if k == 0 else 2.0 * series.scale, series.coefficients[k]
     known, later, result = work[(k + 1) % 3], work[(k + 2) % 3], work[k % 3]
     for j in range(bounds[block], bounds[block + 1]):

@@ -52,8 +52,7 @@ class Circular(Wrapper):
             )
         values = self.function.evaluate(mesh)
         warn_of_period(mesh, values, self.period)
-        pair = as_circle(values, self.period)
-        return pair[:, 0 if self.part == "cosine" else 1]
+        return as_circle(values, self.period)[:, 0 if self.part == "cosine" else 1]
 
 
 def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:

@@ -68,8 +68,7 @@ class ValuesFile(Family):
             values = found.table()[:, found.number_of(self.column)]
             if opened.format is not Format.LABEL_LIST:
                 return values
-            listed = ~np.isnan(values)
-            return np.where(listed, 1.0 if self.column is None else values, 0.0)
+            return np.where(np.isnan(values), 0.0, 1.0 if self.column is None else values)
 
 
 @dataclass(frozen=True, kw_only=True)

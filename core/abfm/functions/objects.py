@@ -66,8 +66,7 @@ def as_values(
     try:
         found = values_of_object(mesh, source)
         if found is None:
-            array = at_vertices(mesh, source, name, error)
-            return with_checked_shape(mesh, array, name, error)
+            return with_checked_shape(mesh, at_vertices(mesh, source, name, error), name, error)
         if found.are_sources:
             table = interpolate_sources(found.columns, mesh)[0].T
         else:

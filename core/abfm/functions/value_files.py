@@ -380,11 +380,8 @@ def _stc(opened: Opened, request: Request) -> Columns:
 def _annotation(opened: Opened, request: Request) -> Columns:
     labels = freesurfer_annotation(opened.data)
     note = "the file has no names of labels; the keys are the colours of vertices, as numbers"
-    return Columns(
-        labels.values.reshape(-1, 1),
-        keys=(Keys(labels.names, labels.colors),),
-        notes=() if labels.names else (note,),
-    )
+    keys = (Keys(labels.names, labels.colors),)
+    return Columns(labels.values.reshape(-1, 1), keys=keys, notes=() if labels.names else (note,))
 
 
 def _label_list(opened: Opened, request: Request) -> Columns:
@@ -441,17 +438,13 @@ def one_array(
     """
     name = _array_name(arrays, request, ignored)
     times = arrays["times"] if "times" in arrays and name != "times" else None
-    if times is not None and (times.dtype.kind not in "iuf" or times.size != max(times.shape)):
-        raise ValueError(
-            f"the times have type {times.dtype} and shape {times.shape}; expected real numbers (T,)"
-        )
-    return Columns(
-        arrays[name],
-        names=(name,),
-        numbers=(request.array or name,),
-        times=None if times is None else times.reshape(-1).astype(np.float64),
-        frames_first=True,
-    )
+    if times is not None:
+        if times.dtype.kind not in "iuf" or times.size != max(times.shape):
+            expected = f"shape {times.shape}; expected real numbers (T,)"
+            raise ValueError(f"the times have type {times.dtype} and {expected}")
+        times = times.reshape(-1).astype(np.float64)
+    numbers = (request.array or name,)
+    return Columns(arrays[name], names=(name,), numbers=numbers, times=times, frames_first=True)
 
 
 def _array_name(

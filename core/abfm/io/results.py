@@ -268,11 +268,6 @@ def name_of(path: File) -> str:
     return one_line(name)
 
 
-def has_format_version(archive: Mapping[str, Any]) -> bool:
-    """Return whether an archive was written by `save_arrays`."""
-    return "format_version" in archive
-
-
 def check_version(version: object, current: int = FORMAT_VERSION) -> None:
     """Raise a ResultError unless the format version of a file is ``current``.
 

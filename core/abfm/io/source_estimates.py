@@ -60,7 +60,9 @@ def write_stc(
     head = np.array([1000 * seconds[0], 1000 * even_step(path, seconds)], dtype=">f4").tobytes()
     numbers = np.array([len(vertices), *vertices, len(seconds)], dtype=">u4")
     write_file(path, head + numbers.tobytes() + frames.astype(">f4").tobytes())
-    other = _other_hemisphere(path)
+    name = os.fspath(path)
+    this, that = _HEMISPHERES if name.endswith(_HEMISPHERES[0]) else _HEMISPHERES[::-1]
+    other = Path(name.removesuffix(this) + that)
     try:
         content = read_bytes(other) if other.is_file() else b""
         if content and content[8:12] != bytes(4):  # the number of vertices is not 0
@@ -72,9 +74,3 @@ def write_stc(
         return f"MNE cannot open the file together with {other.name}: {one_line(error)}"
     write_file(other, head + np.array([0, len(seconds)], dtype=">u4").tobytes())
     return ""
-
-
-def _other_hemisphere(path: str | os.PathLike[str]) -> Path:
-    name = os.fspath(path)
-    this, other = _HEMISPHERES if name.endswith(_HEMISPHERES[0]) else _HEMISPHERES[::-1]
-    return Path(name.removesuffix(this) + other)

@@ -201,10 +201,8 @@ def distortion_of_flow(
 def _of_corners(
     mesh: TriangleMesh, faces: IntArray, corners: FloatArray, onto: TriangleMesh
 ) -> Distortion:
-    flipped, stretches = (
-        flipped_triangles(onto, corners),
-        _stretches(corners, hat_gradients(mesh)[faces]),
-    )
+    flipped = flipped_triangles(onto, corners)
+    stretches = _stretches(corners, hat_gradients(mesh)[faces])
     return _of_stretches(stretches, flipped, face_areas(mesh)[faces])
 
 

@@ -138,14 +138,8 @@ class PointMap:
                 f"{len(other.domain.faces)} faces, which differ from the "
                 f"{len(self.codomain.faces)} faces of the codomain of the first map"
             )
-        found = other.at(self.points)
-        return PointMap(
-            self.domain,
-            other.codomain,
-            found.faces,
-            found.barycentric,
-            interior_map=lambda points: other.at(self.at(points)),
-        )
+        images = other.at(self.points)
+        return PointMap.of_points(self.domain, images, lambda points: other.at(self.at(points)))
 
     def onto_mirror(self) -> PointMap:
         """Return the same map onto the mirror image of the codomain, which has reversed faces."""

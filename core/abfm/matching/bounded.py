@@ -120,12 +120,8 @@ class _Search:
         measure: Callable[[Match], Distortion],
         control: Control | None,
     ) -> None:
-        self._found, self._max_distortion, self._measure, self._control = (
-            found,
-            max_distortion,
-            measure,
-            control,
-        )
+        self._found, self._max_distortion = found, max_distortion
+        self._measure, self._control = measure, control
         self._path: list[PathStep] = []  # the steps of the path within the bound
         self._distortion_at_rest = math.inf
         self.best: Match | None = None  # the best match within the bound

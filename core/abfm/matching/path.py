@@ -13,19 +13,8 @@ from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 
 COLUMNS = (
-    "sigma",
-    "alpha",
-    "reach",
-    "residual",
-    "by flow lines",
-    "folded",
-    "log2 J",
-    "log2 R",
-    "log2 J 95%",
-    "held out",
-    "score",
-    "mismatch",
-    "refined",
+    *("sigma", "alpha", "reach", "residual", "by flow lines", "folded"),
+    *("log2 J", "log2 R", "log2 J 95%", "held out", "score", "mismatch", "refined"),
 )
 
 

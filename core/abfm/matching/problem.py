@@ -418,14 +418,8 @@ def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Proble
     parameters = Parameters.of(**from_json(str(arrays["parameters"])))
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     landmarks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
-    functions = FunctionTerm(
-        mesh.normalized(),
-        source,
-        target,
-        arrays.get("mask"),
-        weights,
-        approximate="approximate" in arrays,
-    )
+    unit, mask, is_approximate = mesh.normalized(), arrays.get("mask"), "approximate" in arrays
+    functions = FunctionTerm(unit, source, target, mask, weights, approximate=is_approximate)
     if not landmarks:
         _require_weight(functions)
     zero = np.zeros(len(mesh.vertices))

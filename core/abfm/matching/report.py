@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -104,23 +103,16 @@ def _row(match: Match, step: PathStep) -> dict[str, float | None]:
 def path_lines(match: Match) -> list[str]:
     """Return the path as lines of a table; a star marks the selected step."""
     steps = [_row(match, step) for step in match.path]
-    heads = [*STEP_COLUMNS, "refined", *([SCORE] if has_scores(steps) else [])]
+    has_scores = any(step[SCORE] is not None for step in steps)
+    heads = [*STEP_COLUMNS, "refined", *([SCORE] if has_scores else [])]
     rows = [heads]
-    for number, step in enumerate(steps):
-        cells = [*step_cells(number, step, ".3g"), str(step["refined"])]
+    for number, step in enumerate(steps, 1):
+        residuals = [number_text(step[name], ".3g") for name in ("residual", "verified_residual")]
+        distortion = [number_text(step[name], ".3g") for name in ("log2_area", "log2_shape")]
+        folded, sigma = percents(step["folded"]), number_text(step["sigma"], ".3g")
+        cells = [str(number), sigma, *residuals, folded, *distortion, str(step["refined"])]
         rows.append([*cells, number_text(step[SCORE], ".4f")][: len(heads)])
     pairs = [zip(row, heads, strict=True) for row in rows]
     lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
     lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
     return lines
-
-
-def has_scores(steps: Iterable[Mapping[str, float | None]]) -> bool:
-    return any(step[SCORE] is not None for step in steps)
-
-
-def step_cells(number: int, step: Mapping[str, Any], digits: str) -> list[str]:
-    residuals = [number_text(step[name], digits) for name in ("residual", "verified_residual")]
-    distortion = [number_text(step[name], digits) for name in ("log2_area", "log2_shape")]
-    folded, sigma = percents(step["folded"]), f"{step['sigma']:.3g}"
-    return [str(number + 1), sigma, *residuals, folded, *distortion]

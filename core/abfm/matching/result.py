@@ -220,8 +220,7 @@ class Match(Display):
         """Return the source advected to time ``t``, in its original shape; see `push`."""
         if self.refined:
             fine_advected = self.fine.advect(t)
-            axis = np.ndim(t)
-            return np.take(fine_advected, np.arange(len(self.mesh.vertices)), axis)
+            return np.take(fine_advected, np.arange(len(self.mesh.vertices)), np.ndim(t))
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:

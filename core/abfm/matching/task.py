@@ -49,12 +49,8 @@ from abfm.types import FloatArray, IntArray
 _RESIDUALS = ("residual", "verified_residual", "folded")
 _DISTORTIONS = ("log2_area", "log2_area_95")
 _ENTRIES_OF_FACTS = (
-    *_RESIDUALS,
-    "verdict",
-    "registration_verdict",
-    "warnings",
-    "path_steps",
-    "path_step",
+    *(*_RESIDUALS, "verdict", "registration_verdict"),
+    *("warnings", "path_steps", "path_step"),
 )
 
 MAX_DISTORTION = number_input(
@@ -105,10 +101,6 @@ def _export_arrays(export: Callable[..., None], path: Path, found: Match) -> Non
     is_one = len(found.velocity) == 1
     names = ["velocity" if is_one else f"velocity_segment_{i}" for i in range(len(found.velocity))]
     export(path, found.mesh, on_points, dict(zip(names, found.velocity, strict=True)))
-
-
-def _export_energy(path: Path, found: Match) -> None:
-    export_energy_csv(path, found.energy_history, found.stages)
 
 
 def _export_path(path: Path, found: Match) -> None:
@@ -179,16 +171,8 @@ class MatchTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "source",
-        "target",
-        "channel",
-        "mask",
-        "start",
-        "tau",
-        "alpha",
-        "sigma",
-        "max-distortion",
-        "set",
+        *("source", "target", "channel", "mask"),
+        *("start", "tau", "alpha", "sigma", "max-distortion", "set"),
     )
     result: ClassVar = Match
     file: ClassVar = ResultFile(frozenset({"velocity"}), load_match, facts_of_file, preview)
@@ -196,7 +180,7 @@ class MatchTask(Task):
     exports: ClassVar = {
         ".ply": Export(partial(_export_arrays, export_ply)),
         ".vtu": Export(partial(_export_arrays, export_vtu)),
-        ".csv": Export(_export_energy),
+        ".csv": Export(lambda path, it: export_energy_csv(path, it.energy_history, it.stages)),
     }
     tables: ClassVar = {"path": Table("table of the continuation, one step per line", _export_path)}
 

@@ -49,15 +49,8 @@ def check(
         numbers = FileNumbers(*file_numbers)
     else:
         numbers = FileNumbers(np.arange(len(points)), len(points))
-    draft = Draft(
-        points,
-        triangles,
-        numbers.vertex_ids,
-        np.arange(len(triangles)),
-        numbers.file_vertex_count,
-        numbers.copies,
-        [],
-    )
+    ids, face_ids = numbers.vertex_ids, np.arange(len(triangles))
+    draft = Draft(points, triangles, ids, face_ids, numbers.file_vertex_count, numbers.copies, [])
     draft.drop_unreferenced_vertices()
     used_count = len(draft.vertices)
     if dropped := draft.file_vertex_count - used_count - len(draft.copies):

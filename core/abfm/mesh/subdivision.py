@@ -27,11 +27,9 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
         children[:, c, (c + 2) % 3] = middles[:, (c + 1) % 3]
     count = mesh.file_vertex_count
     ids = np.concatenate([mesh.vertex_ids, count + np.arange(len(mesh.edges))])
-    return TriangleMesh(
-        interpolated(mesh, mesh.vertices),
-        children.reshape(-1, 3),
-        numbers=FileNumbers(ids, count + len(mesh.edges), mesh.copies),
-    )
+    numbers = FileNumbers(ids, count + len(mesh.edges), mesh.copies)
+    vertices = interpolated(mesh, mesh.vertices)
+    return TriangleMesh(vertices, children.reshape(-1, 3), numbers=numbers)
 
 
 _cached_subdivided = per_mesh(subdivided)

@@ -159,11 +159,9 @@ def _kind(shown_object: Any) -> str:
 def _verdict(shown_object: Any) -> tuple[str, str]:
     """Return the headline of a result, and the name of the colour that shows its outcome."""
     facts: Facts | None = getattr(shown_object, "facts", None)
-    return (
-        (correspondence_headline(shown_object), "ink")
-        if facts is None
-        else (facts.headline, facts.tone)
-    )
+    if facts is None:
+        return correspondence_headline(shown_object), "ink"
+    return facts.headline, facts.tone
 
 
 def _vertex_count(shown_object: Any) -> int:

@@ -106,8 +106,7 @@ def registration_page(
     start = found.initial.transfer(on_a) if of_landmarks else None
     moving = _moving(match, shown, share, start)
     advected = Panel("A on B", found.b, moving, of_b, _lines(match, share))
-    landmarks_on_a = _landmarks_on_a(found)
-    panels = [Panel("A", found.a, layers_of_a, of_a, landmarks_on_a), advected]
+    panels = [Panel("A", found.a, layers_of_a, of_a, _landmarks_on_a(found)), advected]
     if not of_landmarks:
         target_layers = [
             Layer(name, match.target[:, c], colors) for c, (name, colors) in enumerate(shown)

@@ -283,11 +283,8 @@ def _keys(sequence: sequences.Sequence, share: float) -> tuple[FloatArray, Float
     if keys_max < len(times):
         stride = -(-(len(times) - 1) // (keys_max - 1))
         chosen = np.unique([*range(0, len(times), stride), len(times) - 1])
-        return (
-            times[chosen],
-            frames[chosen],
-            f"the page shows one of {stride} frames, {len(chosen)} in total",
-        )
+        note = f"the page shows one of {stride} frames, {len(chosen)} in total"
+        return times[chosen], frames[chosen], note
     between = min(max((keys_max - 1) // max(len(times) - 1, 1), 1), _KEYS_PER_INTERVAL_MAX)
     keys, values = [times[0]], [frames[0]]
     with stepped("interpolating frames", [*pairwise(times)]) as pairs:

@@ -158,8 +158,7 @@ class PopulationSolver:
                 # registrations report these failures again
                 failures.append(answer.record.reason)
                 subject = self._unknown_subject() if answer.value is None else answer.value
-                found = subject.before
-                for stack, array in zip(stacks, found, strict=True):
+                for stack, array in zip(stacks, subject.before, strict=True):
                     stack.add(array)
         values, masks = (stack.array() for stack in stacks)
         outliers = find_outliers(self._comparison_data(values, masks), None, failures)

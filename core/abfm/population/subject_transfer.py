@@ -132,10 +132,5 @@ class SubjectTransfer:
             template, data.mesh, points_after.faces, points_after.barycentric, interior_map=after
         )
         log2_area, facts = map_facts(registration, point_map, drift)
-        return TransferredSubject(
-            values_at(before(points), data),
-            values_at(points_after, data),
-            log2_area,
-            registration.verdict.kind,
-            facts,
-        )
+        first, last = values_at(before(points), data), values_at(points_after, data)
+        return TransferredSubject(first, last, log2_area, registration.verdict.kind, facts)

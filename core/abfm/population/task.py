@@ -119,13 +119,8 @@ class PopulationTask(Task):
         *parameter_inputs(),
     )
     main_options: ClassVar = (
-        "channel",
-        "mask",
-        "initial",
-        "bound",
-        "rounds",
-        "max-distortion",
-        "set",
+        *("channel", "mask", "initial"),
+        *("bound", "rounds", "max-distortion", "set"),
     )
     result: ClassVar = Population
     file: ClassVar = ResultFile(

@@ -87,19 +87,8 @@ ENDINGS = {
 """The format of each ending of a name, in lower case and without ``.gz``."""
 VALUES_ENDINGS = (
     *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1d", ".gii", ".gii.gz", ".mgh", ".mgz"),
-    *(
-        ".dscalar.nii",
-        ".dtseries.nii",
-        ".nii",
-        ".nii.gz",
-        ".stc",
-        ".vts",
-        ".asc",
-        ".vtk",
-        ".vtp",
-        ".vtu",
-        ".ply",
-    ),
+    *(".dscalar.nii", ".dtseries.nii", ".nii", ".nii.gz", ".stc"),
+    *(".vts", ".asc", ".vtk", ".vtp", ".vtu", ".ply"),
 )
 """Endings of files with values at vertices; FreeSurfer files may have any other ending."""
 FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")  # endings of names of files with frames
@@ -206,7 +195,10 @@ def _format(data: bytes, head: str, name: str) -> Format:
         if data.startswith(mark):
             return found
     if data.startswith(_OLD_OR_NEW_MAGIC):
-        return Format.FREESURFER_QUADS if _has_old_quads(data) else Format.FREESURFER_VALUES
+        # the oldest surfaces have 16-bit coordinates, and 3-byte vertex numbers of quadrangles
+        vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
+        has_quads = len(data) == 9 + 6 * vertices + 12 * quads
+        return Format.FREESURFER_QUADS if has_quads else Format.FREESURFER_VALUES
     if root := _ROOT.search(head) if head.lstrip().startswith("<") else None:
         if root[1] == "GIFTI":
             return Format.GIFTI
@@ -214,34 +206,14 @@ def _format(data: bytes, head: str, name: str) -> Format:
     if image := _nifti(data):
         return image
     ending = next((ending for ending in ENDINGS if name.endswith(ending)), "")
-    if not ending and _is_old_values(data):
+    # old FreeSurfer values are two 3-byte counts, then 16-bit values
+    if not ending and 6 < len(data) == 6 + 2 * int.from_bytes(data[:3], "big"):
         return Format.FREESURFER_OLD_VALUES
-    return _format_of_text(head, ENDINGS.get(ending, Format.UNKNOWN))
-
-
-def _format_of_text(head: str, named: Format) -> Format:
-    """Return the format of a text file that begins with ``head``; ``named`` is that of its name."""
+    named = ENDINGS.get(ending, Format.UNKNOWN)
     if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
         return Format.FREESURFER_ASCII
-    found = (form for start, form in _TEXTS.items() if start.match(head))
-    return named if named is Format.TABLE else next(found, named)
-
-
-def _has_old_quads(data: bytes) -> bool:
-    """Return whether a file has the size of a FreeSurfer surface of the oldest version.
-
-    Such a surface has 16-bit coordinates, and 3-byte vertex numbers of quadrangles.
-    """
-    vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
-    return len(data) == 9 + 6 * vertices + 12 * quads
-
-
-def _is_old_values(data: bytes) -> bool:
-    """Return whether a file has the size of old FreeSurfer values.
-
-    Such a file has two 3-byte counts, then 16-bit values.
-    """
-    return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
+    by_text = (form for start, form in _TEXTS.items() if start.match(head))
+    return named if named is Format.TABLE else next(by_text, named)
 
 
 def _nifti(data: bytes) -> Format | None:

@@ -122,7 +122,10 @@ def read_numbers(data: bytes | str, integers: bool = False) -> Numbers:
         raise ValueError("the file has no numbers; expected a table of numbers")
     separator = _separator(lines[min(1, len(lines) - 1)])
     first = [name.strip() for name in _split(lines[0], separator)]
-    names = [] if _are_numbers(first) else first
+    words = (*_MISSING_VALUES, *_TRUTH)
+    present = first if first[-1] else first[:-1]
+    has_names = not all(is_number(cell) or cell.lower() in words for cell in present)
+    names = first if has_names else []
     rows = lines[1:] if names else lines
     if not rows:
         raise ValueError(f"the file has no numbers, only the line {brief(lines[0])}")
@@ -247,13 +250,6 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _are_numbers(cells: list[str]) -> bool:
-    """Return whether the cells of the first line are numbers or missing values, not names."""
-    words = (*_MISSING_VALUES, *_TRUTH)
-    present = cells if cells[-1] else cells[:-1]
-    return all(is_number(cell) or cell.lower() in words for cell in present)
 
 
 def _with_points(

@@ -83,10 +83,8 @@ def polygons_of_cells(sizes: IntArray, corners: IntArray, types: IntArray) -> Po
     in_strips = np.repeat(strips, sizes)
     faces = triangles_of_strips(sizes[strips], corners[in_strips])
     others = sizes[~strips], corners[~in_strips]
-    return (
-        np.concatenate([others[0], np.full(len(faces), 3)]),
-        np.concatenate([others[1], faces.ravel()]),
-    )
+    all_sizes = np.concatenate([others[0], np.full(len(faces), 3)])
+    return all_sizes, np.concatenate([others[1], faces.ravel()])
 
 
 def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:

@@ -137,8 +137,7 @@ def _preview(path: Path) -> Preview:
 def _details(found: SymmetricRegistration) -> dict[str, Any]:
     facts = found.facts
     verdict = {"kind": facts.outcome, "reason": facts.reason, "advice": facts.advice}
-    warnings = list(facts.warnings)
-    head = {**facts.numbers, "headline": facts.headline, "warnings": warnings}
+    head = {**facts.numbers, "headline": facts.headline, "warnings": list(facts.warnings)}
     return {**head, "verdict": verdict, "map": report.map_details(found)}
 
 

@@ -198,17 +198,8 @@ class RegistrationTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "source",
-        "target",
-        "channel",
-        "mask-a",
-        "mask-b",
-        "landmarks",
-        "initial",
-        "alpha",
-        "sigma",
-        "max-distortion",
-        "set",
+        *("source", "target", "channel", "mask-a", "mask-b", "landmarks", "initial"),
+        *("alpha", "sigma", "max-distortion", "set"),
     )
     result: ClassVar = Registration
     file: ClassVar = ResultFile(
@@ -236,8 +227,7 @@ class RegistrationTask(Task):
         sources, targets, weights = channels(values)
         landmarks = None
         if "landmarks" in values:
-            is_one_based = values.get("one-based", False)
-            landmarks = read_landmarks(a, b, values["landmarks"], is_one_based)
+            landmarks = read_landmarks(a, b, values["landmarks"], values.get("one-based", False))
         options = {
             "f": sources or None,
             "g": targets or None,

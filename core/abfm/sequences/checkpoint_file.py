@@ -87,10 +87,8 @@ class SequenceCheckpoint:
                 norm = Norm(int(found["order"]), float(found["alpha"]))
                 solver.choose(norm, float(found["sigma"]))
                 solver.energy_before = float(found["energy_before_sweep"])
-                solver.failed_searches, solver.swept_intervals = (
-                    int(found["failed_searches"]),
-                    int(found["swept_intervals"]),
-                )
+                solver.failed_searches = int(found["failed_searches"])
+                solver.swept_intervals = int(found["swept_intervals"])
                 self._on_found(len(fields))
 
     def save(self, solver: SequenceSolver, force: bool = True) -> None:

@@ -30,18 +30,8 @@ from abfm.workers.progress import stepped
 
 _TRACKS = ["track", "kind", "index", "time", "x", "y", "z", "face", "divergence", "curl"]
 _INTERVALS = [
-    "interval",
-    "start",
-    "end",
-    "speed",
-    "uncertainty",
-    "determined",
-    "energy",
-    "residual",
-    "by_flow_lines",
-    "folded",
-    "verdict",
-    "reason",
+    *("interval", "start", "end", "speed", "uncertainty", "determined"),
+    *("energy", "residual", "by_flow_lines", "folded", "verdict", "reason"),
 ]
 
 

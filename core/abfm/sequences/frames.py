@@ -192,8 +192,7 @@ def interval_parameters(
 ) -> Parameters:
     """Return the parameters of the problem of an interval, with its duration as tau."""
     duration = float(frames.durations[interval])
-    absolute = sigma_of(frames, given, sigma, duration)
-    return given.for_interval(duration, absolute)
+    return given.for_interval(duration, sigma_of(frames, given, sigma, duration))
 
 
 def _fill_in(

@@ -64,11 +64,9 @@ def details(sequence: Sequence) -> dict[str, Any]:
 def lines(sequence: Sequence) -> list[str]:
     unit = "second" if sequence.unit_of_time else "frame"
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
-    where_steep = (
-        f"{np.median(speed[steep]):.3g} where the frames have a steep gradient, "
-        if steep.any()
-        else ""
-    )
+    where_steep = ""
+    if steep.any():
+        where_steep = f"{np.median(speed[steep]):.3g} where the frames have a steep gradient, "
     others = Counter(
         "not solved" if is_unsolved(verdict) else verdict.kind for verdict in sequence.verdicts
     )
@@ -133,11 +131,9 @@ def motion_text(sequence: Sequence) -> str:
     """Return the share of motion in interpolated frames as text, with a reason if there is none."""
     found = sequence.motion_share
     if math.isnan(found):
-        why = (
-            "there is no frame between two frames to hold out"
-            if len(sequence) < 2
-            else "held-out frames neither confirm nor refute motion"
-        )
+        why = "held-out frames neither confirm nor refute motion"
+        if len(sequence) < 2:
+            why = "there is no frame between two frames to hold out"
         return f"motion in confirmed intervals, else the linear blend, as {why}"
     if found == 0:
         why = "noise hides the motion" if sequence.has_motion else "held-out frames show no motion"

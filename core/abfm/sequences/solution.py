@@ -24,15 +24,8 @@ from abfm.types import BoolArray, File, FloatArray, IntArray
 from abfm.wording import counted
 
 _NUMBERS = (
-    "gamma",
-    "sigma",
-    "noise",
-    "motion_share",
-    "has_motion",
-    "energies",
-    "residual",
-    "verified_residual",
-    "folded",
+    *("gamma", "sigma", "noise", "motion_share", "has_motion"),
+    *("energies", "residual", "verified_residual", "folded"),
 )
 
 
@@ -109,10 +102,8 @@ class Solution:
             "mask": lambda: {} if frames.mask is None else {"mask": frames.mask},
             "notes": lambda: {"notes": np.array(frames.notes)} if frames.notes else {},
         }
-        frame_names, local_names = (
-            ("times", "numbers", "unit_of_time", "weights", "channels_given"),
-            ("velocity", *_NUMBERS),
-        )
+        frame_names = ("times", "numbers", "unit_of_time", "weights", "channels_given")
+        local_names = ("velocity", *_NUMBERS)
         for each, names in ((frames, frame_names), (self, local_names)):
             parts |= {name: partial(_array, each, name) for name in names}
         return parts

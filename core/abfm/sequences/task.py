@@ -212,16 +212,8 @@ class SequenceTask(Task):
         *MESH_INPUTS,
     )
     main_options: ClassVar = (
-        "dt",
-        "array",
-        "channel",
-        "circular",
-        "mask",
-        "gamma",
-        "alpha",
-        "sigma",
-        "set",
-        "tracks",
+        *("dt", "array", "channel", "circular", "mask"),
+        *("gamma", "alpha", "sigma", "set", "tracks"),
     )
     result: ClassVar = Sequence
     file: ClassVar = ResultFile(
@@ -301,8 +293,7 @@ class SequenceTask(Task):
         return found
 
     def notes(self) -> list[str]:
-        omitted = notes_on_omitted(self._have_values)
-        notes = [*mesh_notes(self.mesh), *self.frames.notes, *omitted]
+        notes = [*mesh_notes(self.mesh), *self.frames.notes, *notes_on_omitted(self._have_values)]
         if self.times is None:
             notes.append("the file has no times; frames get the times 0, 1, 2, ... (set --dt)")
         return notes

@@ -123,12 +123,8 @@ def without_determined_motion(verdict: Verdict) -> Verdict:
 
 
 _WITHOUT_MOTION = (
-    Cause.UNDETERMINED,
-    Cause.NO_MOTION,
-    Cause.NO_MOTION_ON_MESH,
-    Cause.NOISE,
-    Cause.BOTH_CONSTANT,
-    Cause.NOT_SOLVED,
+    *(Cause.UNDETERMINED, Cause.NO_MOTION, Cause.NO_MOTION_ON_MESH),
+    *(Cause.NOISE, Cause.BOTH_CONSTANT, Cause.NOT_SOLVED),
 )
 
 

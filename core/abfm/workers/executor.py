@@ -45,8 +45,7 @@ class Processes(Executor):
     def submit(
         self, function: Callable[..., Result], /, *given: Any, **named: Any
     ) -> Future[Result]:
-        call = partial(function, *given, **named)
-        return self._threads.submit(self._call, call, copy_context())
+        return self._threads.submit(self._call, partial(function, *given, **named), copy_context())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Refuse further calls.

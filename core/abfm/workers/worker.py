@@ -110,11 +110,8 @@ class Worker(Generic[State]):
         ended_message: str,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        self._make_state, self._ended_message, self._environment = (
-            make_state,
-            ended_message,
-            environment,
-        )
+        self._make_state, self._environment = make_state, environment
+        self._ended_message = ended_message
         self._lock = threading.Lock()
         self._connection: _Connection | None = None
         self._closed = False

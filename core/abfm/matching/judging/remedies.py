@@ -16,13 +16,8 @@ _ITERATIONS_FACTOR = 4
 _LARGE_ALPHA_FACTOR = 10.0  # an alpha above this multiple of its default is reduced
 # the search for a distant target needs a reach, and the defaults of these parameters
 _CONTINUATION_NAMES = (
-    "order",
-    "levels",
-    "sigma",
-    "sigma_unit",
-    "cooling_stages",
-    "cooling_factor",
-    "stage_iterations",
+    *("order", "levels", "sigma", "sigma_unit"),
+    *("cooling_stages", "cooling_factor", "stage_iterations"),
 )
 
 

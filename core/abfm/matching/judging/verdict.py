@@ -413,10 +413,8 @@ class _Case:
             early = limit if is_limit else sentence_of(_CAUSES[reason])
             why, suggestions = f", and {early}", [remedies.more_iterations()]
         else:
-            suggestions, advice = (
-                [remedies.much_smaller_sigma()] if remedies.has_large_sigma else [],
-                ADVICE[Cause.SOURCE_SQUEEZED],
-            )
+            suggestions = [remedies.much_smaller_sigma()] if remedies.has_large_sigma else []
+            advice = ADVICE[Cause.SOURCE_SQUEEZED]
         return self._verdict(
             Outcome.NOT_REACHED,
             Cause.SOURCE_SQUEEZED,

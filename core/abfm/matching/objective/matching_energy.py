@@ -191,11 +191,8 @@ class Objective:
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
         if self.is_of_landmarks:
             energies = self.misfit(self.sources - self.shift)[0]
-            return (
-                energies,
-                advect_functions(self.flow, x, self.sources),
-                partial(np.zeros, x.shape),
-            )
+            advected = advect_functions(self.flow, x, self.sources)
+            return energies, advected, partial(np.zeros, x.shape)
         flow, gradient = self.flow(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.sources)
         for c, f in enumerate(self.sources):
@@ -206,11 +203,8 @@ class Objective:
         energies, derivatives = self.misfit(advected - self.shift)
         if not np.isfinite(sum(energies)):
             raise AdvectionError("the mismatch overflows")
-        return (
-            energies,
-            advected,
-            partial(gradient.differentiate_fields, flow, trajectories, derivatives),
-        )
+        derivative = partial(gradient.differentiate_fields, flow, trajectories, derivatives)
+        return energies, advected, derivative
 
 
 def advect_functions(
@@ -387,8 +381,7 @@ class MatchingEnergy:
         """
         if self.landmarks is None:
             return None
-        velocity = to_ambient(self.mesh, x)
-        return self.landmarks.errors_along(self.mesh, velocity, self.parameters.tau)
+        return self.landmarks.errors_along(self.mesh, to_ambient(self.mesh, x), self.parameters.tau)
 
     def _worse_residual(self, advected: FloatArray, errors: FloatArray | None) -> float:
         of_terms = self.residual(advected)

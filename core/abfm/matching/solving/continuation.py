@@ -620,10 +620,8 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
         return path
     level = levels.exact(max(best.stage.level, least))
     x, advected = prolonged_without_gradient(levels, level, best)
-    stage, residual = (
-        replace(best.stage, level=level),
-        levels[level].energy.residual_of(x, advected),
-    )
+    stage = replace(best.stage, level=level)
+    residual = levels[level].energy.residual_of(x, advected)
     return (*path, StepResult(stage, x, advected, residual))
 
 

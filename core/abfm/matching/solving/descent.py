@@ -255,16 +255,12 @@ def search_of(
     together, the curvature of the landmarks at the fields ``at`` (N, F, 2), if given, preconditions
     L-BFGS. The function ``count`` is called at each evaluation.
     """
-    p = energy.parameters
+    p, solver = energy.parameters, energy.parameters.solver
+    tolerance = SETTINGS.advection_tolerance
     objective = energy.objective(
-        stage.sigma,
-        stage.reach,
-        alpha=stage.alpha,
-        shift=stage.shift,
-        tolerance=SETTINGS.advection_tolerance,
+        stage.sigma, stage.reach, alpha=stage.alpha, shift=stage.shift, tolerance=tolerance
     )
-    close = energy.landmark_misfit(stage.landmark_sigma)
-    objective = replace(objective, landmarks=close)
+    objective = replace(objective, landmarks=energy.landmark_misfit(stage.landmark_sigma))
     regularity, tau = objective.regularity, p.tau
 
     def evaluate(x: FloatArray) -> Evaluation:
@@ -285,19 +281,11 @@ def search_of(
     if precondition and landmarks is not None:
         curvature = partial(landmarks.curvature, tau=tau, sigma=stage.landmark_sigma)
         if energy.is_of_landmarks:
-            return GaussNewton(
-                evaluate, inverse, curvature, displacement, p.solver.max_displacement
-            )
+            return GaussNewton(evaluate, inverse, curvature, displacement, solver.max_displacement)
         if at is not None and 2 * len(landmarks) * at.size <= SETTINGS.curvature_size_max:
             precondition = with_landmarks(inverse, *curvature(at)[:2])
-    return LBFGS(
-        evaluate,
-        precondition,
-        p.solver.memory,
-        displacement,
-        p.solver.max_displacement,
-        p.solver.tolerance,
-    )
+    limits = solver.max_displacement, solver.tolerance
+    return LBFGS(evaluate, precondition, solver.memory, displacement, *limits)
 
 
 def minimise_fold(

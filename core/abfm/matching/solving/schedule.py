@@ -154,11 +154,9 @@ class Schedule:
         p, alpha, is_last = self._p, variant.alpha, level >= self._meshes - 1
         if self.is_free and not self._has_landmarks_only:
             alpha *= min(1.0, sigma / (SETTINGS.stiff_sigma * self.unit)) ** 2
-        limit = (
-            p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
-            if self.is_fixed
-            else p.solver.iterations
-        )
+        limit = p.solver.iterations
+        if self.is_fixed:
+            limit = p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
         goal = SETTINGS.goal_share * p.goal if self.is_free else 0.0
         is_start = (
             self.has_given_sigma and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]

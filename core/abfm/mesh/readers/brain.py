@@ -43,11 +43,8 @@ def read_quadrangles(opened: Opened) -> FileContents:
     first = np.where(even, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
     second = np.where(even, quads[:, [2, 3, 1]], quads[:, [0, 2, 3]])
     faces = np.stack([first, second], axis=1).reshape(-1, 3)
-    return FileContents(
-        vertices,
-        faces,
-        (f"{counted(len(quads), 'quadrangle was', 'quadrangles were')} split into triangles",),
-    )
+    quadrangles = counted(len(quads), "quadrangle was", "quadrangles were")
+    return FileContents(vertices, faces, (f"{quadrangles} split into triangles",))
 
 
 def read_ascii_surface(opened: Opened) -> FileContents:

@@ -44,14 +44,9 @@ def colored_ply(opened: Opened) -> ColoredFaces:
     file = ply_contents(opened)
     faces = split_polygons(file.vertices, file.sizes, file.corners).faces
     colors = np.ones((len(file.vertices), 4)) if file.colors is None else file.colors
-    return ColoredFaces(
-        file.vertices,
-        faces,
-        np.full((len(faces), 3, 2), np.nan),
-        colors[inside(faces, len(colors))],
-        np.zeros(len(faces), dtype=np.int64),
-        (Material(),),
-    )
+    coordinates, owners = np.full((len(faces), 3, 2), np.nan), np.zeros(len(faces), dtype=np.int64)
+    at_corners = colors[inside(faces, len(colors))]
+    return ColoredFaces(file.vertices, faces, coordinates, at_corners, owners, (Material(),))
 
 
 def inside(faces: IntArray, count: int) -> IntArray:

@@ -98,8 +98,7 @@ def _colors(document: Document, part: Part) -> FloatArray:
 
 
 def _at_corners(document: Document, part: Part, index: int, shape: str) -> FloatArray:
-    found = document.at_vertices(part, index, shape)
-    return np.asarray(found[part.faces], dtype=np.float64)
+    return np.asarray(document.at_vertices(part, index, shape)[part.faces], dtype=np.float64)
 
 
 def _srgb(colors: FloatArray) -> FloatArray:

@@ -38,8 +38,7 @@ def keep_hemisphere(draft: Draft, side: str) -> str:
     the hemispheres, such as ", the first in the file"; otherwise an empty one.
     """
     name = HEMISPHERES[side]
-    component = components(draft)
-    if component.max() == 0:
+    if components(draft).max() == 0:
         draft.messages.append(
             f"the surface has one component, which was used as the {name} hemisphere"
         )

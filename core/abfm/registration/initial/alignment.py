@@ -169,14 +169,8 @@ class _Surfaces(NamedTuple):
             TriangleMesh(mesh.vertices / size, mesh.faces)
             for mesh, size in zip((a, b), sizes, strict=True)
         )
-        return cls(
-            kind,
-            ClosestPoints(unit_a),
-            ClosestPoints(unit_b),
-            points_by_area(unit_a, _REFINING_POINTS).positions,
-            points_by_area(unit_b, _REFINING_POINTS).positions,
-            pairs,
-        )
+        on_a, on_b = (points_by_area(unit, _REFINING_POINTS).positions for unit in (unit_a, unit_b))
+        return cls(kind, ClosestPoints(unit_a), ClosestPoints(unit_b), on_a, on_b, pairs)
 
     def thinned(self, by: int) -> _Surfaces:
         return self._replace(a=self.a[::by], b=self.b[::by])
@@ -211,12 +205,9 @@ class _Surfaces(NamedTuple):
         are_close = [gaps <= np.quantile(gaps, _FITTED_SHARE) for gaps in distances]
         chosen = np.concatenate(are_close)
         of_b, of_a, weights = self.landmarks
-        return best_motion(
-            np.concatenate([b[chosen], of_b]),
-            np.concatenate([a[chosen], of_a]),
-            np.concatenate([np.full(chosen.sum(), 1 / chosen.sum()), weights]),
-            self.kind,
-        )
+        shares = np.concatenate([np.full(chosen.sum(), 1 / chosen.sum()), weights])
+        ends = np.concatenate([b[chosen], of_b]), np.concatenate([a[chosen], of_a])
+        return best_motion(*ends, shares, self.kind)
 
 
 def _best(surfaces: _Surfaces, motions: list[Motion], iterations: int, count: int) -> list[Motion]:

@@ -266,15 +266,9 @@ class _Columns(NamedTuple):
                 )
         if not any(sides):
             raise AbfmError(f"row {number} has no point; expected a point of A or of B, or both")
-        weight = texts.get("weight", "")
-        return _LandmarkRow(
-            number,
-            sides[0],
-            sides[1],
-            texts.get("name") or str(number - 1),
-            self.number(weight, number, "the weight") if weight else 1.0,
-            texts.get("curve", ""),
-        )
+        name, text = texts.get("name") or str(number - 1), texts.get("weight", "")
+        weight = self.number(text, number, "the weight") if text else 1.0
+        return _LandmarkRow(number, sides[0], sides[1], name, weight, texts.get("curve", ""))
 
     def number(self, text: str, row: int, what: str) -> float:
         try:

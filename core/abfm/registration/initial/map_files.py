@@ -39,8 +39,7 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
     if columns == 4:
         try:
             rows = b.restrict(table)
-            faces = _faces(a, b, path, rows[:, 0])
-            return PointMap(b, a, faces, _weights(b, rows[:, 1:]))
+            return PointMap(b, a, _faces(a, b, path, rows[:, 0]), _weights(b, rows[:, 1:]))
         except AbfmError as error:
             raise AbfmError(f"map {brief(path)}: {error}") from None
     raise AbfmError(

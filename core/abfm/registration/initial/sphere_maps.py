@@ -110,7 +110,9 @@ def map_through_spheres(
     best, warnings = _rotation(given, *layouts), list[str]()
     if best is not None:
         sphere_a = sphere_a @ best.rotation.as_matrix().T
-        notes.append(_rotation_note(best))
+        by_functions = f"; the correlation of the functions is {best.correlation:.2f}"
+        reason = " to fit the landmarks" if np.isnan(best.correlation) else by_functions
+        notes.append(f"sphere A was rotated by {best.degrees:.1f} degrees{reason}")
         warnings += _ambiguities(best)
     elif given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
         notes.append(
@@ -124,22 +126,13 @@ def map_through_spheres(
 def _rotation(given: MapInput, a: SphereLayout, b: SphereLayout) -> SphereRotation | None:
     if given.f is not None and given.g is not None:
         weights = np.ones(len(given.f)) if given.weights is None else given.weights
-        on_a, on_b = (
-            SphereFunctions(a, given.f, given.mask_a),
-            SphereFunctions(b, given.g, given.mask_b),
-        )
+        on_a = SphereFunctions(a, given.f, given.mask_a)
+        on_b = SphereFunctions(b, given.g, given.mask_b)
         return rotation_by_functions(on_a, on_b, weights)
     pairs = given.landmarks
     return (
         None if pairs is None or len(pairs) < LANDMARKS_MIN else rotation_by_landmarks(a, b, pairs)
     )
-
-
-def _rotation_note(found: SphereRotation) -> str:
-    note = f"sphere A was rotated by {found.degrees:.1f} degrees"
-    if np.isnan(found.correlation):
-        return f"{note} to fit the landmarks"
-    return f"{note}; the correlation of the functions is {found.correlation:.2f}"
 
 
 def _ambiguities(found: SphereRotation) -> list[str]:

@@ -218,13 +218,10 @@ class _Level:
             )
             score += weight * np.maximum(correlation, -opposite * correlation)
         # the score is reduced if both masks have little area in common
-        overlap = np.minimum(1, 2 * total[:, 0] / self._weight_max)
-        return np.asarray(score / self._weights.sum() * overlap)
-
-    @property
-    def _weight_max(self) -> float:
         shares = self._tables[-1].mean() * len(self._cell_weights)
-        return float(min(self._cell_weights.sum(), shares))
+        weight_max = float(min(self._cell_weights.sum(), shares))
+        overlap = np.minimum(1, 2 * total[:, 0] / weight_max)
+        return np.asarray(score / self._weights.sum() * overlap)
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
         """Search the best rotation near a given one; the first simplex has ``size`` radians."""

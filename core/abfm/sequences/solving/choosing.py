@@ -168,8 +168,8 @@ class _HeldOut:
             best_residual, earlier = self.best_residual, (self._residuals, self._fields)
             self._residuals, self._fields = {}, {}
             with step("searching at long range"):
-                for search in self.searches:
-                    search.search_long_range()
+                for search in self.searches:  # later minimisations start from these fields
+                    search.starts = [long_range_field(fold.energy) for fold, _ in search.folds]
             self._descend(report)
             if best_residual <= self.best_residual:
                 self._residuals, self._fields = earlier
@@ -248,10 +248,6 @@ class _IntervalSearch:
         self.starts: list[FloatArray] = []
         """Long-range fields from which each sigma starts; large sigmas would lose them."""
 
-    def search_long_range(self) -> None:
-        """Find a long-range match in each fold; later minimisations start from its field."""
-        self.starts = [long_range_field(interval.energy) for interval, _ in self.folds]
-
     def minimise(
         self, sigma: float, fields: Sequence[FloatArray]
     ) -> tuple[float, list[FloatArray]]:
@@ -262,8 +258,7 @@ class _IntervalSearch:
         """
         given, squares, found = self._given, list[float](), list[FloatArray]()
         sigma = sigma_of(given.frames, given.parameters, sigma, self._duration)
-        starts = self.starts or fields
-        for (interval, hidden), start in zip(self.folds, starts, strict=True):
+        for (interval, hidden), start in zip(self.folds, self.starts or fields, strict=True):
             checkpoint()
             point = interval.minimise(sigma, start, _ITERATIONS)
             found.append(point.field)

@@ -282,8 +282,7 @@ class SequenceSolver:
     def measures(self, i: int, by_flow_lines: bool = True) -> IntervalMeasures:
         """Return the measurements of an interval's field by the discrete flow and by flow lines."""
         energy, field = self.energy(i), self.fields[i]
-        sigma = energy.parameters.last_sigma
-        objective = energy.objective(sigma)
+        objective = energy.objective(energy.parameters.last_sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
         if by_flow_lines and self.found[i] and np.isnan(self.flow_line_checks[i]).any():

@@ -61,19 +61,11 @@ def coarse_shape(mesh: TriangleMesh, count: int) -> CoarseShape:
     weights = _clipped(coarse)
     distances = _distances(coarse)
     coordinates = _scaling(distances, areas)
-    size = min(EIGENFUNCTIONS, len(areas))
-    values, functions = unit_eigenbasis(coarse, size)
+    values, functions = unit_eigenbasis(coarse, min(EIGENFUNCTIONS, len(areas)))
     stretch = float((coordinates * (weights @ coordinates)).sum())
+    descriptors = _descriptors(coarse, areas)
     return CoarseShape(
-        coarse,
-        areas,
-        weights,
-        distances,
-        coordinates,
-        stretch,
-        _descriptors(coarse, areas),
-        values,
-        functions,
+        coarse, areas, weights, distances, coordinates, stretch, descriptors, values, functions
     )
 
 
@@ -95,8 +87,7 @@ def _clipped(mesh: TriangleMesh) -> sparse.csr_array:
     edges = sparse.coo_array(cotangent_laplacian(mesh))
     off = edges.row != edges.col
     weights = np.clip(-edges.data[off], *_COTANGENT_RANGE)
-    shape = edges.shape
-    adjacent = sparse.csr_array((weights, (edges.row[off], edges.col[off])), shape=shape)
+    adjacent = sparse.csr_array((weights, (edges.row[off], edges.col[off])), shape=edges.shape)
     return sparse.csr_array(sparse.diags_array(adjacent.sum(axis=1)) - adjacent)
 
 

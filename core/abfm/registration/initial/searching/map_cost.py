@@ -70,8 +70,7 @@ def energy(a: CoarseShape, b: CoarseShape, found: TwoWayMap) -> float:
     ) -> float:
         images = codomain.coordinates[map_]
         stretch = float((images * (domain.stiffness @ images)).sum()) / domain.stretch
-        numbers = np.arange(len(map_))
-        gaps = domain.distances[numbers, back[map_]]
+        gaps = domain.distances[np.arange(len(map_)), back[map_]]
         return stretch + REVERSIBILITY * float(domain.areas @ gaps**2)
 
     return one_direction(b, a, found.to_a, found.to_b) + one_direction(a, b, found.to_b, found.to_a)

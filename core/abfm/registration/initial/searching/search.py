@@ -178,11 +178,8 @@ def search_initial_map(
             found = best.start.fine()
         else:
             found = make_continuous(given, search.polished(best))
-    return Initial(
-        found.correspondence.with_candidates(_candidates(best, tried)),
-        found.notes,
-        tuple(_warnings(fine, best, tried)),
-    )
+    correspondence = found.correspondence.with_candidates(_candidates(best, tried))
+    return Initial(correspondence, found.notes, tuple(_warnings(fine, best, tried)))
 
 
 class _Search:
@@ -195,14 +192,9 @@ class _Search:
         a, b = coarse_shape(self.given.a, count), coarse_shape(self.given.b, count)
         on_a, on_b, weights = _functions(self.given, a, b)
         landmarks, landmark_weights = _landmarks(self.given, a, b)
-        return Pair(
-            a,
-            b,
-            (np.hstack([a.descriptors, on_a]), np.hstack([b.descriptors, on_b])),
-            np.concatenate([np.ones(a.descriptors.shape[1]), weights]),
-            landmarks,
-            landmark_weights,
-        )
+        descriptors = np.hstack([a.descriptors, on_a]), np.hstack([b.descriptors, on_b])
+        weights = np.concatenate([np.ones(a.descriptors.shape[1]), weights])
+        return Pair(a, b, descriptors, weights, landmarks, landmark_weights)
 
     @cached_property
     def spectral(self) -> SpectralSearch:
@@ -446,12 +438,8 @@ def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
     for number, start in enumerate(starts):
         if start.kind == "extremities":
             checkpoint()
-            found = pair.relax(
-                two_way_map(pair.a, pair.b, start.coarse(pair)),
-                _SCREENING_PENALTIES,
-                _DESCRIPTOR_WEIGHT,
-                _ITERATIONS,
-            )
+            first = two_way_map(pair.a, pair.b, start.coarse(pair))
+            found = pair.relax(first, _SCREENING_PENALTIES, _DESCRIPTOR_WEIGHT, _ITERATIONS)
             parts = pair.cost(found)._replace(commutator=0.0)
             costs[number] = parts.total(start.side) + pair.landmark_cost(found)
     best = []
