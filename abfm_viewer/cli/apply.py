@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 import abfm
-from abfm import Correspondence, FunctionError, ResultError, TriangleMesh
+from abfm import Correspondence, FunctionError, Registration, ResultError, TriangleMesh
 from abfm.errors import printable
 from abfm.functions import read_values
 from abfm.functions.labels import read_label_columns
@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--column needs --labels; all columns of --data are transferred")
     by: Literal["area", "point"] = arguments.by or "area"
     side = arguments.hemisphere or ""
-    loaded = load_result(arguments.registration, Correspondence)
+    loaded = load_result(arguments.registration, Registration, Correspondence)
     correspondence = loaded.inverse() if arguments.inverse else loaded
     if arguments.data:
         data = partial(read_values, arguments.data, hemisphere=side)

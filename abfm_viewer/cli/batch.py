@@ -392,7 +392,7 @@ def _unsolved_lines(rows: Sequence[SummaryRow]) -> list[str]:
         label = "not finished" if outcome is Outcome.MISSING else outcome
         more = len(names) - _NAMES_MAX
         tail = f" and {more} more, listed in the summary" if more > 0 else ""
-        lines.append(f"  {label}: {', '.join(names[:_NAMES_MAX])}{tail}")
+        lines.append(f"  {label}: {'; '.join(names[:_NAMES_MAX])}{tail}")
     return lines
 
 

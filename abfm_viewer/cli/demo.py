@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from abfm.matching.task import MatchTask
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UNMATCHED_STATUS, print_note
 from abfm_viewer.cli.options import add_report, adder
+from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.cli.solve import Outputs, solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -61,7 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
     outcome = solve(MatchTask(problem), Outputs([result]), arguments.quiet)
     match = outcome.result
     assert isinstance(match, Match)
-    drawn = outcome.status in (0, UNMATCHED_STATUS) and _draw(match, *drawings)
+    start = time.perf_counter()
+    drawn = outcome.status in (0, UNMATCHED_STATUS) and _draw(arguments.quiet, match, *drawings)
+    outcome = replace(outcome, seconds=outcome.seconds + time.perf_counter() - start)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
         shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
@@ -77,14 +81,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(match: Match, picture: Path, movie: Path) -> bool:
+def _draw(quiet: bool, match: Match, picture: Path, movie: Path) -> bool:
     """Draw a picture and a movie, or print why not; return whether they were drawn."""
     try:
         outputs.write_picture(picture, pictures.match_picture(match))
         document, known = document_of_result(match, movie.with_suffix(".npz"))
-        with pictures.DocumentRenderer(document, known, _MOVIE_SIZE) as renderer:
+        with (
+            pictures.DocumentRenderer(document, known, _MOVIE_SIZE) as renderer,
+            frame_progress(_FRAMES, quiet, False) as report,
+        ):
             frames = renderer.frames(0.0, match.parameters.tau, _FRAMES, 0.0)
-            pictures.write_movie(movie, frames, _FPS, _FRAMES)
+            pictures.write_movie(movie, frames, _FPS, _FRAMES, report)
     except DrawingError as error:
         print_note(f"no picture and no movie: {error}")
         return False

@@ -53,7 +53,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
 
 def print_note(text: str, kind: str = "note") -> None:
     """Print a note, or a warning, to stderr in one line."""
-    print_line(printable(f"{kind}: {text}"))
+    print_line(printable(text if text.startswith("warning: ") else f"{kind}: {text}"))
 
 
 def print_line(text: str) -> None:

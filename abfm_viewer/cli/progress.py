@@ -32,7 +32,13 @@ _LONG_STEP_SECONDS = 2.0
 SILENT_SECONDS = 1.0  # a shorter task prints no lines on its progress
 LINE_SECONDS = 30.0  # time after the start of a phase until the first line on its progress
 _LINES_OF_A_MOVIE = 10
-_BAR = BarColumn(bar_width=None)
+# the bar and the text share the width of the terminal, so that a long text does not hide the bar
+_BAR = BarColumn(bar_width=None, table_column=Column(ratio=1))
+_TEXT = TextColumn(
+    "{task.fields[text]}",
+    markup=False,
+    table_column=Column(ratio=2, no_wrap=True, overflow="ellipsis"),
+)
 _SHORT_BAR = 24  # width of a bar before a text
 _COUNT = TextColumn("{task.completed}/{task.total}")
 
@@ -125,7 +131,7 @@ class _RemainingTime(ProgressColumn):
 
     def render(self, task: Task) -> Text:
         seconds = task.time_remaining
-        return Text("" if seconds is None else within(seconds))
+        return Text(within(seconds) if seconds else "")
 
 
 class _OverallBar(BarColumn):
@@ -145,7 +151,7 @@ class _OverallText(ProgressColumn):
     """The text of a task, cut at the width of the terminal, so that it never takes two lines."""
 
     def __init__(self, state: TaskProgress) -> None:
-        super().__init__(Column(no_wrap=True, overflow="ellipsis"))
+        super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         self._state = state
 
     def render(self, task: Task) -> Text:
@@ -192,7 +198,7 @@ def row_progress(
         if count:
             print_line(text if is_step else f"{completed} of {count}: {text}")
 
-    columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
+    columns = (title, _BAR, *((_COUNT,) if count else ()), _TEXT)
     ends = (TimeElapsedColumn(), _RemainingTime()) if count else (TimeElapsedColumn(),)
     with _progress_bar(
         quiet, print_progress, count or None, *columns, *ends, text="starting"
@@ -222,7 +228,7 @@ def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], N
             printed = text
             print_line(f"{title}: {text}")
 
-    columns = (title, _BAR, "{task.fields[text]}", TimeElapsedColumn())
+    columns = (title, _BAR, _TEXT, TimeElapsedColumn())
     with _progress_bar(quiet, print_progress, 1.0, *columns, text="") as update:
         yield lambda text, share: update(completed=share, text=text)
 
@@ -242,7 +248,7 @@ def _progress_bar(
         with (
             # a signal clears the bar and shows the cursor again
             signals.cleanup_on_signal(partial(os.write, 2, b"\r\x1b[2K\x1b[?25h")),
-            Progress(*columns, console=Console(stderr=True), transient=True) as bar,
+            Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as bar,
         ):
             yield partial(bar.update, bar.add_task("", total=total, **state))
     else:

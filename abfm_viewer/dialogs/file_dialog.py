@@ -514,7 +514,7 @@ class FileDialog:
         choice = self.choice
         found = self.preview(choice.folder / choice.selected) if choice.selected else None
         if found is None:
-            ui.note("Select a mesh or a result to see it here.")
+            ui.note("Select a file to preview it.")
             return
         if found.texture is not None:
             room, height = imgui.GetContentRegionAvail()

@@ -141,26 +141,25 @@ class ExportDialog:
         seconds = ui.bounded("seconds", settings.seconds, Range(0.5, 20), tip, (0.1, 600.0))
         tip = "Frames per second: at most 120, in a GIF 50."
         ends = Range(5, 60, is_integer=True)
-        fps = ui.bounded("frames per second###fps", settings.fps, ends, tip, (1.0, 120.0))
-        # times of a match are in units of tau, and those of a sequence in its own unit
+        fps = ui.bounded("fps", settings.fps, ends, tip, (1.0, 120.0))
+        # times of a match are in units of tau, and those of a sequence in its unit
         first, duration, last, unit = 0.0, 1.0, 2.0, "τ"
         if isinstance(document, SequenceDocument):
-            first, last, unit = document.start, document.end, document.sequence.unit
+            first, last, unit = document.start, document.end, document.sequence.unit or "frame"
             duration = last - first
 
         def time(label: str, share: float, tip: str) -> float:
-            caption = f"{label} ({unit})###{label}" if unit else label
             value = min(first + share * duration, last)
-            new = ui.bounded(caption, value, Range(first, last), tip, (first, last))
+            new = ui.bounded(
+                f"{label} ({unit})###{label}", value, Range(first, last), tip, (first, last)
+            )
             return share if new == value else (new - first) / duration
 
         start = time("from", settings.start, "First time of the movie.")
         beyond = " Beyond τ the flow is extrapolated." if document.extrapolates else ""
         end = time("to", settings.end, f"Last time of the movie.{beyond}")
         tip = "Turns of the surfaces about their upright axis during the movie, such as 1 or -0.5."
-        turns = ui.bounded(
-            "turntable (turns)###turntable", settings.turns, Range(-2, 2), tip, (-100, 100)
-        )
+        turns = ui.bounded("turns###turntable", settings.turns, Range(-2, 2), tip, (-100, 100))
         return replace(
             settings,
             movie_suffix=suffix,
@@ -173,7 +172,8 @@ class ExportDialog:
 
 
 def open_dialog(context: Context, name: str = PICTURE) -> None:
-    """Open the dialog Export on a format."""
+    """Open the dialog Export on a format, and pause the playback."""
+    context.session.player.playing = False
     context.dialogs.push(ExportDialog(context, name), lambda _: context.dialogs.pop())
 
 

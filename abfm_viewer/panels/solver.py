@@ -245,12 +245,12 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
             ui.note(text)
     if not session.outdated:
         ui.note(sentence(facts.reason), "ink")
-        if facts.warnings:
+        if facts.other_warnings:
             _draw_warnings(context, facts)
-    elif (expected := session.work.expected_facts) is not None:
-        ui.note(_expected_text(expected), expected.tone)
     else:
         ui.note("Functions or parameters have changed since this match.", "ink")
+        if (expected := session.work.expected_facts) is not None:
+            ui.note(_expected_text(expected), expected.tone)
     _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.numbers_text(result):
         topics = ["residual", "flow-line residual", "area change"]
@@ -260,7 +260,7 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
 
 
 def _draw_warnings(context: Context, facts: Facts) -> None:
-    first, *others = map(sentence, facts.warnings)
+    first, *others = map(sentence, facts.other_warnings)
     topics = [topic for topic in facts.topics if topic in [*WarningTopic]] or facts.topics
     note_with_help(context, first, "warning", topics, name="Explain warnings")
     for warning in others:

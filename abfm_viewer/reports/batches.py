@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from abfm.batch import KINDS, LedgerEntry
 from abfm.outcome import Facts, Outcome
 from abfm.parameters import FIELDS, option
+from abfm.wording import share
 from abfm_viewer.reports.pages import abbreviated, render
 
 ROWS_SHOWN_MAX = 1000  # rows on a page; with their pictures it has about 6 MB
@@ -146,7 +147,7 @@ def _undominated(rows: Sequence[SummaryRow]) -> frozenset[str]:
 
 def _cost_text(row: SummaryRow) -> str:
     cost = f", mean |log2 J| {row.areas:.2f}" if row.areas < math.inf else ""
-    return f"{row.name}: residual {100 * row.residual:.2g}%{cost}"
+    return f"{row.name}: residual {share(row.residual)}{cost}"
 
 
 class Grid(NamedTuple):

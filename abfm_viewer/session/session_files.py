@@ -185,10 +185,10 @@ class SessionFiles:
     def open(self, path: Path) -> None:
         """Open a file or folder in the background; Undo returns to the document before it."""
         path = _absolute(path)
-        if is_named_as_frames(path):
+        place = place_of(path)
+        if place is None and is_named_as_frames(path):  # `summary.csv` also ends like frames
             self.open_frames(path)
             return
-        place = place_of(path)
         known = (*MESHES, PROJECT, RESULT)
         if place is None and not path.name.lower().endswith(known):
             listed = ", ".join(

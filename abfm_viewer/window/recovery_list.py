@@ -52,7 +52,8 @@ class RecoveryList:
         count, answer = len(self._copies), None
         with dialog(ui, TITLE, _WIDTH):
             many = f"{count} documents were" if count > 1 else "this document was"
-            ui.note(f"The app ended before {many} saved. The latest change is first.", "ink")
+            order = " The latest change is first." if count > 1 else ""
+            ui.note(f"The app ended before {many} saved.{order}", "ink")
             height = _LIST_HEIGHT_SHARE_MAX * imgui.GetIO().DisplaySize[1]
             with child(ui, "copies", height, border=False, fits="at most"):
                 for number, copy in enumerate(self._copies):

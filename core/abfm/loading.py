@@ -42,12 +42,9 @@ def load(path: File, *expected: type) -> Any:
     """
     found = _loaded(path)
     if expected and not isinstance(found, expected):
-        names = " or ".join(each.__name__ for each in expected)
-        kind = type(found).__name__
-        raise ResultError(
-            f"{results.name_of(path)} is a {kind}; expected a {names} (`abfm info` describes the "
-            "file)"
-        )
+        kind, names = type(found).__name__, " or ".join(each.__name__ for each in expected)
+        text = f"contains a {kind}; expected a {names}".lower()
+        raise ResultError(f"{results.name_of(path)} {text} (`abfm info` describes the file)")
     return found
 
 

@@ -152,8 +152,13 @@ class Facts:
 
     @property
     def lines(self) -> list[str]:
-        """The headline, the reason and the warnings, one line each."""
-        return [self.headline, self.reason, *(f"warning: {each}" for each in self.warnings)]
+        """The headline, the reason and the other warnings, one line each."""
+        return [self.headline, self.reason, *(f"warning: {each}" for each in self.other_warnings)]
+
+    @property
+    def other_warnings(self) -> list[str]:
+        """The warnings without the one that is the reason, if any."""
+        return [each for each in self.warnings if each != self.reason]
 
     @property
     def notes(self) -> list[str]:

@@ -182,7 +182,7 @@ class MatchTask(Task):
         ".vtu": Export(partial(_export_arrays, export_vtu)),
         ".csv": Export(lambda path, it: export_energy_csv(path, it.energy_history, it.stages)),
     }
-    tables: ClassVar = {"path": Table("table of the continuation, one step per line", _export_path)}
+    tables: ClassVar = {"path": Table("path of the continuation, one step per line", _export_path)}
 
     @classmethod
     def check(cls, values: Mapping[str, Any]) -> None:

@@ -156,6 +156,7 @@ def test_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
         assert each.verdict.why == "it may be wrong"
         assert "it may be wrong" in each.facts.warnings
         assert each.facts.outcome == "not reached"
+        assert each.facts.lines[1:] == ["it may be wrong"]  # without the same text as a warning
     facts = facts_of_file(tmp_path / "r.npz")
     assert facts.outcome == "not reached"
     assert "it may be wrong" in facts.warnings

@@ -95,6 +95,7 @@ def test_sequence_files_are_read_as_frames(tmp_path):
 def test_nonfinite_values_are_preserved_with_a_note(tmp_path):
     some = CHANNELS.copy()
     some[1, 3, 0], some[2, 3, 1], some[2, 9, 1] = np.nan, np.inf, np.nan
+    some[4] = np.nan  # a frame without values, which another note reports
     np.save(tmp_path / "a.npy", some)
     found = read_frames(tmp_path / "a.npy", MESH)
     assert_array_equal(found.values, some)

@@ -3,6 +3,7 @@ import json
 import random
 import re
 import signal
+import sys
 from unittest.mock import Mock
 
 import pytest
@@ -97,7 +98,7 @@ def test_status_counts_rows_of_a_table_or_folder(solved, abfm):
     line = "batch --status {f}/other.csv --out {f}/out"
     of_table = abfm(line, f=solved, status=4).out.splitlines()
     assert not any("same: matched" in each for each in of_table)
-    assert {"  not reached: <far>", "  not finished: same, lost"} <= set(of_table)
+    assert {"  not reached: <far>", "  not finished: same; lost"} <= set(of_table)
     abfm(status, f=solved, status=4)  # the exit status of the run itself
     output = abfm("info {f}/out", f=solved, status=2).err
     check_message(output, f"abfm batch --status {solved}/out")
@@ -207,6 +208,17 @@ def test_finished_rows_are_reported_after_failures(solved, abfm, monkeypatch):
     check_names(output.out.splitlines()[0], *COUNTS)
     run.side_effect = lambda rows, folder, *_, **__: Ledger(folder).entries(rows)
     check_message(abfm(line, f=solved, status=2).err, "summary.csv")
+
+
+def test_long_lines_do_not_hide_the_bar(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with row_progress(2, False) as report:
+        report(f"one: impossible: {'a reason ' * 20}")
+    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err).split("\r")
+    assert any(re.search("━+ 1/2 one: impossible: .*… 0:00:00", line) for line in lines)
+    assert max(len(line.rstrip("\n")) for line in lines) <= 80
 
 
 def test_waiting_for_a_cluster_is_reported(capsys):

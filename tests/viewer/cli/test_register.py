@@ -86,6 +86,7 @@ def test_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
     assert facts["worse_residual"] < 0.15
     assert len(facts["warnings"]) >= 1
     assert "warning: " in output.err
+    assert "note: warning: " not in output.err
     assert library.load(tmp_path / "r.npz").facts.outcome == "not reached"
 
 

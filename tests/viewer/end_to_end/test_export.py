@@ -38,7 +38,9 @@ def set_size_and_save_results(matched, tmp_path):
     def size():
         return exporter.settings.width, exporter.settings.height
 
+    matched.session.player.playing = True
     matched.click("Picture...")
+    assert not matched.session.player.playing
     sizes = {"4K": (3840, 2160), "8K": (7680, 4320), "HD": (1280, 720), "full HD": (1920, 1080)}
     for name, expected in (sizes | {"window": (round(right - left), round(bottom - top))}).items():
         matched.choose("size", name)

@@ -75,8 +75,9 @@ def read_frames(
 
 
 def _noted(found: FramesFile) -> FramesFile:
-    """Return frames with a note on the number of vertices that are not compared, if any."""
+    """Return frames with a note on the vertices that are not compared in frames with values."""
     bad = ~np.isfinite(found.values)
+    bad = bad[~bad.reshape(len(bad), -1).all(axis=1)]  # frames without values are left out
     if not bad.any():
         return found
     count = np.count_nonzero(bad.any(axis=0 if bad.ndim == 2 else (0, 2)))
