@@ -216,9 +216,12 @@ def _draw_before(context: Context) -> None:
     if facts is not None:
         note_with_help(context, _expected_text(facts), facts.tone, facts.topics)
         return
-    failed = session.work.blocking_problem != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
-    ui.note(sentence(about), "failure" if failed else "muted")
+    _draw_obstacle(ui, session, about)
+
+
+def _draw_obstacle(ui: Ui, session: Session, about: str) -> None:
+    ui.note(sentence(about), "failure" if session.work.blocking_problem else "muted")
 
 
 def _expected_text(facts: Facts) -> str:
@@ -284,7 +287,7 @@ def _draw_compared(context: Context, compared: Comparison) -> None:
 def _draw_remedies(ui: Ui, session: Session, result: abfm.Match, facts: Facts) -> None:
     if session.outdated:
         if session.obstacle:
-            ui.note(sentence(session.obstacle), "failure")
+            _draw_obstacle(ui, session, session.obstacle)
         return
     verdict = result.verdict
     # if the complete map is the cause, no other flow helps

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -84,7 +85,7 @@ class InitialMaps:
         self._compared: tuple[object, tuple[Candidate, ...]] = None, ()
         self._first_maps: Memo[Initial] = Memo()
         self._of_result = Memo[PreparedMap]()
-        self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
+        self._columns: dict[str, Memo[FloatArray]] = defaultdict(Memo)
 
     @property
     def busy(self) -> bool:
@@ -166,6 +167,14 @@ class InitialMaps:
             return values
 
         return self._columns[side].get((prepared, channel, values_of_side), column)
+
+    def source_on_a(self, document: PairDocument) -> FloatArray | None:
+        prepared, channel = self.prepared(document), document.channel
+        functions = None if prepared is None else prepared.initial.functions
+        if functions is None or channel >= functions.shape[1]:
+            return None
+        column = partial(np.ascontiguousarray, functions[:, channel])
+        return self._columns["on A"].get((functions, channel), column)
 
     def _choose_landmarks(self, document: PairDocument) -> None:
         """Choose the landmarks for the initial map, which stay the same while others are placed."""

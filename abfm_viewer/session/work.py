@@ -183,6 +183,11 @@ class Work(ABC):
         """
         return self.values(side)
 
+    @property
+    def source_on_a(self) -> FloatArray | None:
+        """The active source on A of two surfaces, scaled as in the match, (V_A,), or None."""
+        return None
+
     def error(self, of: Side | Literal["mask"]) -> str:
         """Return why the active source or target, or the mask, has no values; empty if it has."""
         return ""
@@ -441,6 +446,10 @@ class PairWork(MatchWork):
         if self.document.active is None:
             return None
         return self.parts.initial_maps.flow_values(self.document, side)
+
+    @property
+    def source_on_a(self) -> FloatArray | None:
+        return self.parts.initial_maps.source_on_a(self.document)
 
     @property
     def busy(self) -> str:

@@ -115,8 +115,8 @@ class Painter:
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Return the paint of the source or target; None before its values are known.
 
-        The source shows the pattern of the view, if any, at time 0. A function on A is shown in its
-        own unit, even if functions are compared on B in another unit.
+        The source shows the pattern of the view, if any, at time 0. A function on A is scaled as in
+        the match, or shown in its own unit if this is unknown.
         """
         session, title = self._session, self._session.document.slot_title(side)
         is_of_source = session.surface(side) is session.surface("source")
@@ -130,6 +130,8 @@ class Painter:
             return None
         if session.work.flow_values("target") is session.values("target"):
             return self._function(side, on_a, title, colors)
+        if (scaled := session.work.source_on_a) is not None:
+            return self._function(side, scaled, title, colors)
         areas = abfm.calculus.vertex_areas(session.surface("source").mesh)
         colors = self._range("on A", on_a, areas=areas)
         return self._function(side, on_a, title, colors, _UNIT_OF_A_TITLE)

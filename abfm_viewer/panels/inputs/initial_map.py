@@ -103,6 +103,9 @@ def draw(context: Context) -> None:
     choices.setdefault(now, _Choice(document.initial, ""))
     current = choices[now]
     names = ", ".join(Path(file).name for file in files)
+    if not word:
+        compared = context.session.initial_maps.compared(document)
+        names = "".join(f"Chosen: {best.name}." for best in compared[:1])
     tip = "\n\n".join(filter(None, (_MAP_TIP, f"{sentence(now)} {current.about}", names)))
     label = ui.combo("initial map", now, {key: one.about for key, one in choices.items()}, tip)
     draw_help(context, "initial-map cost", "initial map")

@@ -125,6 +125,11 @@ def test_cortices_are_ready_to_match(samples, monkeypatch):
     # the initial map is the best rotation of the mirror image
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
+    paints = samples.window.scene.paints  # all surfaces have the same unit and colours
+    assert len({(paint.bar, paint.colors) for paint in paints.values()}) == 1
+    on_a = paints["source"].values
+    assert np.corrcoef(session.values("source"), on_a)[0, 1] == pytest.approx(1)
+    assert abs(on_a.std() - right.std()) < 0.2
     assert not session.saves.unsaved
     monkeypatch.setattr("abfm_viewer.window.wave.find_spec", lambda name: None)
     samples.menu("Samples", PAIR)

@@ -133,6 +133,8 @@ def choose_the_initial_map(gui, files, notes):
     gui.wait(lambda s: not s.obstacle)
     initial = session.work.prepared.initial.correspondence
     assert initial.to_vertices()[1] == 1
+    tips = [w.tip for w in gui.window.ui.widgets if w.label == "initial map"]
+    assert "Chosen: connectivity" in tips[0]
     initial.candidates = (Candidate("connectivity", 2.0), Candidate("sphere:mirror", 2.5))
     gui.frames(2)
     gui.click("sphere:mirror, cost 2.50")
