@@ -11,6 +11,7 @@ from abfm.assets import asset_path
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.objective.matching_energy import Objective
 from abfm.matching.objective.regularizer import Regularizer
+from abfm.matching.solving import continuation
 from abfm.matching.solving.levels import Level
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
@@ -187,6 +188,33 @@ def test_cancel_in_second_variant_keeps_the_first(control, after):
     residuals = [max(step.residual, step.verified_residual) for step in match.path]
     assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(residuals)
     assert {step.velocity.shape for step in match.path} == {(1, len(SMALL.faces), 3)}
+
+
+def test_cancelled_refinement_keeps_a_better_coarse_result(control, monkeypatch):
+    """A step on a subdivided mesh may have a much larger residual than the coarser steps."""
+
+    def diverged(state, stage, point):
+        found = verified(state, stage, point)
+        if state.unrefined:
+            return replace(found, residual=1e14)
+        # the first step on the mesh is the best one, so that smaller values of sigma follow later
+        is_first = stage.level == 1 and all(result.stage.level == 0 for result in state.path)
+        residual = 1e-3 if is_first else 1.0
+        return replace(found, residual=residual, measures={"verified_residual": residual})
+
+    def stop(one):
+        seen.append(one)
+        if any(step.residual > 1e10 for step in one.path):
+            control.cancel()
+
+    seen, verified = [], continuation._verified
+    monkeypatch.setattr(continuation, "_verified", diverged)
+    p = Parameters.of(levels=2, refine=1, goal=1e-4)
+    match, _ = matched(30, p, SMALL, 0.2, control=control, on_iteration=stop)
+    assert seen[-1].vertices > len(SMALL.vertices)
+    assert match.stop_reason == "cancelled"
+    assert match.worse_residual == 1e-3
+    assert match.velocity.shape[1] == len(SMALL.faces)
 
 
 def test_start_that_misses_the_target_begins_a_search():

@@ -501,12 +501,8 @@ def _refinement(state: State) -> State:
     """
     done = replace(state, phase=Phase.DONE)
     is_requested = state.energy.parameters.refine is not None
-    if state.unrefined:
-        before = replace(state, path=state.unrefined)
-        after = state.path[len(before.path) :]
-        worse = min((result.worse for result in after), default=np.inf)
-        if not worse < before.path[_end(before)].worse:
-            return replace(done, path=before.path)
+    if not _has_gained(state):
+        return replace(done, path=state.unrefined)
     if not _may_refine(state):
         return done
     try:
@@ -533,6 +529,16 @@ def _refinement(state: State) -> State:
         unrefined=state.path,
         progress=replace(progress, effort_max=effort_max),
     )
+
+
+def _has_gained(state: State) -> bool:
+    """Return whether the latest subdivision reduced the residual; True if there was none."""
+    if not state.unrefined:
+        return True
+    before = replace(state, path=state.unrefined)
+    after = state.path[len(before.path) :]
+    worse = min((result.worse for result in after), default=np.inf)
+    return worse < before.path[_end(before)].worse
 
 
 def _may_refine(state: State) -> bool:
@@ -581,6 +587,7 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
     """
     if interruption is not None:
         state = replace(state, path=_with_latest(state))
+        state = state if _has_gained(state) else replace(state, path=state.unrefined)
     levels, energy, path = state.levels, state.energy, state.path
     number, residual = 0, np.inf
     if _finest(state):
@@ -614,7 +621,7 @@ def _with_latest(state: State) -> tuple[StepResult, ...]:
     if not results:
         return state.path
     on_mesh = [result for result in results if result.stage.level >= least]
-    best = min(on_mesh or results, key=lambda result: result.residual)
+    best = min(on_mesh or results, key=lambda result: result.worse)
     path = next((path for path in paths if best in path), state.path)
     if best in path and on_mesh:
         return path
