@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 _SHARE_MIN = 1e-4  # smaller shares are printed as "less than 0.01%"
+_SHARE_MAX = 100.0  # larger ones, of a diverging flow, are only bounded
 _LOG2_MAX = 100.0  # larger factors are printed as 2 to this power
 
 
@@ -39,12 +40,14 @@ def share(value: float, is_short: bool = False) -> str:
     """Return a share as text in percent: ``0.7%``, ``2.6%``, ``33%``.
 
     Shares are rounded up, so that a share above a bound is never printed as equal to the bound.
-    If ``is_short``, "less than" is printed as "<".
+    If ``is_short``, "less than" is printed as "<", and "more than" as ">".
     """
     if not math.isfinite(value):
         return "an unknown share"
     if value < _SHARE_MIN:
         return f"{'<' if is_short else 'less than '}{100 * _SHARE_MIN:g}%"
+    if value > _SHARE_MAX:
+        return f"{'>' if is_short else 'more than '}{100 * _SHARE_MAX:,.0f}%"
     digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001
     return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 

@@ -134,9 +134,9 @@ def shown_share(match):
 
 
 def test_numbers_and_sentences_are_formatted():
-    values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995]
+    values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995, 2e4]
     expected = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
-    expected += ["10%", "11%", "100%"]
+    expected += ["10%", "11%", "100%", "more than 10,000%"]
     assert [share(value) for value in values] == expected
     counts = [counted(number, "iteration") for number in (0, 1, 2)]
     assert counts == ["0 iterations", "1 iteration", "2 iterations"]
