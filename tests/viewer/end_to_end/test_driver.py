@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import polyscope.imgui as imgui
 import pytest
@@ -10,11 +8,8 @@ from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene import pacing
 from abfm_viewer.scene.surfaces import viewport
 from tests.messages import raises
-from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import QUICK, SIZE
-
-ROOT = Path(__file__).parents[3]
 
 
 def test_tour_of_the_driver(gui, walk):
@@ -183,24 +178,3 @@ def test_process_has_one_backend():
         Driver(icosphere(1), backend="openGL_mock"),
     ):
         pass
-
-
-def test_mock_backend_only_lacks_pictures():
-    """In a separate process, the Driver works with the mock backend, except for pictures."""
-    code = """
-from abfm_viewer.automation import Driver
-from tests.shapes import icosphere
-from tests.viewer.sessions import QUICK, match
-with Driver(icosphere(2), backend="openGL_mock", size=(1280, 800)) as gui:
-    gui.session.editor.amend(parameters=QUICK)
-    match(gui)
-    gui.type("alpha", "10")
-    gui.drag("time", 0.5)
-    before = gui.session.channels
-    gui.pick(vertex=12, surface="target")
-    session = gui.session
-    chosen = session.channels != before
-    print(session.parameters.alpha, round(session.time, 1), chosen, gui.errors)
-"""
-    done = python(code, cwd=ROOT)
-    assert (done.stdout, done.returncode) == ("10.0 0.5 True {}\n", 0), done.stderr

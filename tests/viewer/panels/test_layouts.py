@@ -27,7 +27,7 @@ from abfm_viewer.shown import quantities
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.menus import UI_SCALES
 from tests.processes import run
-from tests.viewer.sessions import EGG, ENDLESS, stepped
+from tests.viewer.sessions import EGG, ENDLESS, QUICK, match, stepped
 
 SCALES = {(1000, 700): (1.0, 2.0), (1280, 800): (1.0, 2.0), (2560, 1440): (2.0,)}
 """Of the window, by its size; a large one has room at a scale of 1."""
@@ -140,6 +140,18 @@ def _layouts(gui, size, texts):
                 yield layout | recorded | {"widgets": widgets, "hidden": hidden, "parts": parts}
 
 
+def _use(gui):
+    """Match, type, drag and pick; return values that show the effects, and errors."""
+    session = gui.session
+    session.editor.amend(parameters=QUICK)
+    match(gui)
+    gui.type("alpha", "10")
+    gui.drag("time", 0.5)
+    before = session.channels
+    gui.pick(vertex=12, surface="target")
+    return session.parameters.alpha, round(session.time, 1), session.channels != before, gui.errors
+
+
 def main():
     quantities.TEXELS = 128  # nothing is drawn
     texts = {"lines": _recorded("line"), "notes": _recorded("note")}
@@ -147,19 +159,25 @@ def main():
     for size in SCALES:
         with Driver(EGG, backend="openGL_mock", size=size) as gui:
             found += _layouts(gui, size, texts)
-    json.dump(found, sys.stdout, default=vars)
+    with Driver(EGG, backend="openGL_mock", size=(1280, 800)) as gui:
+        json.dump({"layouts": found, "used": _use(gui)}, sys.stdout, default=vars)
 
 
 # Requirements of layouts
 
 
 @pytest.fixture(scope="module")
-def layouts():
-    """Return the window's widgets at every size and scale, in every state and tab."""
+def printed():
     root = Path(__file__).parents[3]
     done = run(sys.executable, "-m", "tests.viewer.panels.test_layouts", cwd=root)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def layouts(printed):
+    """Return the window's widgets at every size and scale, in every state and tab."""
+    return printed["layouts"]
 
 
 @pytest.fixture
@@ -183,6 +201,11 @@ def overlaps(parts):
             seen.append((part, (left, top, right, bottom)))
     for (one, a), (other, b) in combinations(seen, 2):
         yield one, other, min(min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1]))
+
+
+def test_mock_backend_only_lacks_pictures(printed):
+    """In a separate process, the Driver works with the mock backend, except for pictures."""
+    assert printed["used"] == [10.0, 0.5, True, {}]
 
 
 def test_each_tab_fits_one_screen(layouts):

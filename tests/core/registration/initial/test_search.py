@@ -25,8 +25,9 @@ from abfm.registration.initial.searching.search import Relaxed, Start, _Search
 from tests.messages import raises
 from tests.shapes import icosphere
 
-BODY = shapes.five_limbs(700)
-COARSE = coarse_shape(BODY, 300)
+BODY = shapes.five_limbs(400)
+FINE = shapes.five_limbs(700)
+COARSE = coarse_shape(FINE, 300)
 TURN = Rotation.from_rotvec([2, 1, -1])
 
 
@@ -41,7 +42,7 @@ def mirrored(mesh):
 
 def other_body(stretch=(1, 1.5, 1), seed=0):
     """Return a stretched, moved and remeshed body, and its true vertices of `BODY`."""
-    fewer = coarsened(BODY, 600)
+    fewer = coarsened(BODY, 340)
     order = np.random.default_rng(seed).permutation(len(fewer.vertices))
     faces = np.argsort(order)[fewer.faces]
     truth = PointMap.project(fewer, BODY, fewer.vertices).nearest_vertices()[order]
@@ -219,7 +220,7 @@ def test_methods_that_do_not_apply_are_refused():
     ball = icosphere(2)
     longer = TriangleMesh(ball.vertices * [1, 1, 3], ball.faces)
     with raises(abfm.AbfmError, 2):
-        initial_map("extremities", MapInput(BODY, longer))
+        initial_map("extremities", MapInput(FINE, longer))
     landmarks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
     with raises(abfm.AbfmError, 2, 3):
         initial_map("landmarks", MapInput(ball, ball, landmarks=landmarks))
