@@ -111,8 +111,9 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.write_text(index, figures_page(entries))
     if arguments.json:
         print(json.dumps({"figures": [_described(entry) for entry in entries]}))
-    elif is_all:
-        print(f"wrote {printable(index)}")
+    else:
+        files = [index] if is_all else filter(Path.is_file, written)
+        print(f"wrote {', '.join(map(printable, files))}")
     return 0
 
 

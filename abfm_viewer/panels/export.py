@@ -25,6 +25,7 @@ from abfm_viewer.widgets.widget_record import Range
 
 TITLE = "Export to a file"
 _WIDTH = 620
+_HEIGHT_MAX = 700  # pixels at a scale of 1
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _CUSTOM_SIZE = "custom size"
 _WIDTH_RANGE = Range(320, 7680, is_integer=True)
@@ -53,7 +54,7 @@ class ExportDialog:
         known = formats(context)
         name = self._name if self._name in known else PICTURE
         has_list = is_popup_open()  # which Escape closes
-        with dialog(ui, self.title, _WIDTH):
+        with dialog(ui, self.title, _WIDTH, highest=_HEIGHT_MAX):
             tips = [one.tip for one in known.values()]
             self._name = ui.radio([*known], name, tips)
             chosen, problem = known[self._name], ""
@@ -195,6 +196,7 @@ def draw_state(context: Context) -> None:
         if ui.button("Cancel export", "Cancel the export. An existing file stays unchanged."):
             exporter.cancel()
     elif exporter.message and exporter.message_subject is context.session.document.identity:
-        ui.note(exporter.message, "failure" if exporter.failed else "good")
+        is_done = exporter.progress == 1  # unless it was cancelled
+        ui.note(exporter.message, "failure" if exporter.failed else "good" if is_done else "muted")
     if session.solver.running:
         ui.note("Files contain the latest result, not the current run.")

@@ -157,7 +157,7 @@ def _draw_line(context: Context, tables: Tables) -> None:
     is_several = len(tables.selection) > 1
     if ui.button(f"{compare}##Compare rows", _COMPARE_TIP, enabled=is_several):
         tables.is_comparing = not tables.is_comparing
-    ui.same_line_if_fits("", is_button=True)
+    ui.same_line_if_fits("", width=imgui.GetFrameHeight())
     with menu_button(ui, "table options", "Choose columns, or copy rows.", True) as is_open:
         if is_open:
             _menu(context, tables)

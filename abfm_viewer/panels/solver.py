@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
@@ -256,6 +257,8 @@ def _draw_result(context: Context, result: abfm.Match, facts: Facts) -> None:
             ui.note(_expected_text(expected), expected.tone)
     _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.numbers_text(result):
+        if math.isfinite(of_map := facts.number("map_residual")):
+            numbers += f"; complete map {share(of_map)}"
         topics = ["residual", "flow-line residual", "area change"]
         if result.problem.is_of_landmarks:
             topics = ["landmark error", "folded faces"]

@@ -430,4 +430,4 @@ def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:
     shown_low, shown_high = colors.full
     slack = _RANGE_TOLERANCE * (shown_high - shown_low)
     is_beyond = low < shown_low - slack or high > shown_high + slack
-    return f"{title}: {low:.3g} to {high:.3g}" if is_beyond else title
+    return f"{title}: {low:.2g} to {high:.2g}" if is_beyond else title

@@ -59,8 +59,13 @@ def window(ui: Ui, name: str, rect: Rect, scrolls: bool = False) -> Iterator[Non
 
 
 @contextmanager
-def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None]:
-    """Draw a window over a dimmed background; without a height it fits its contents."""
+def dialog(
+    ui: Ui, title: str, width: float, height: float = 0, highest: float = 0
+) -> Iterator[None]:
+    """Draw a window over a dimmed background; without a height it fits its contents.
+
+    If the contents change, ``highest`` is the height that leaves the top edge in its place.
+    """
     display = imgui.GetIO().DisplaySize
     imgui.SetNextWindowPos((0, 0))
     imgui.SetNextWindowSize(tuple(display))
@@ -68,7 +73,9 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
         imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
         imgui.End()
     size = (min(ui.px(width), 0.96 * display[0]), min(ui.px(height), 0.92 * display[1]))
-    imgui.SetNextWindowPos((display[0] / 2, display[1] / 2), imgui.ImGuiCond_Always, (0.5, 0.5))
+    top = max(display[1] - ui.px(highest), 0.08 * display[1]) / 2 if highest else display[1] / 2
+    pivot = 0.5, 0.0 if highest else 0.5
+    imgui.SetNextWindowPos((display[0] / 2, top), imgui.ImGuiCond_Always, pivot)
     flags = _DIALOG
     if height:
         imgui.SetNextWindowSize(size)

@@ -79,7 +79,7 @@ def _draw_step(ui: Ui, context: Context, sequence: FrameSequence) -> None:
     steps = sequence.frames.durations / np.diff(sequence.numbers)
     is_even = bool(np.allclose(steps, steps[0], rtol=1e-6))
     shown = f"{steps[0]:.6g}" if is_even else "uneven"
-    typed = ui.text(f"frame step, {sequence.unit or 'frames'}###frame step", shown, _STEP)
+    typed = ui.text(f"frame step ({sequence.unit or 'frames'})###frame step", shown, _STEP)
     if typed is not None:
         with ui.refusals.refusing("frame step"):
             if (step := finite(typed)) is None or not step > 0:

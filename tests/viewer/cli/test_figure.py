@@ -54,6 +54,7 @@ def test_figure_has_a_picture_and_numbers(small, tmp_path, abfm):
     assert sorted(path.name for path in out.iterdir()) == ["figure-7.json", "figure-7.png"]
     assert output.out.startswith(f"figure 7: {TITLES[7]}\n")
     assert "mismatch" in output.out
+    assert re.search(r"wrote \S+figure-7.png, \S+figure-7.json\n$", output.out)
     assert output.err.startswith("figure 7: ")
 
 

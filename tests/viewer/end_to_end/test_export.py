@@ -57,7 +57,10 @@ def set_size_and_save_results(matched, tmp_path):
     for view in SHOWN_VIEWS:
         matched.choose("view", view)
     matched.choose("view", "best")
+    row = matched.search.find("Picture", TITLE).rect
     matched.click("Movie", within=TITLE)
+    matched.frames(2)
+    assert matched.search.find("Picture", TITLE).rect == row  # the formats stay in their place
     values = {"seconds": (10, 0.5), "fps": (40, 10), "from": (0.5, 0.25), "to": (1.5, 2)}
     for label, (dragged, typed) in (values | {"turntable": (1, -0.5)}).items():
         matched.drag(label, dragged)

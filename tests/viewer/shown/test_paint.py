@@ -236,9 +236,9 @@ def test_titles_note_extrapolation_and_exceeded_range(session, shown, monkeypatc
     high = max(session.values(side).max() for side in ("source", "target"))
     for share, factor, expected in (
         (1.0, 1.0, "advected"),
-        (1.0, 3.0, f"advected: 0 to {3 * high:.3g}"),
+        (1.0, 3.0, f"advected: 0 to {3 * high:.2g}"),
         (1.5, 1.0, "advected, extrapolated"),
-        (1.5, -1.0, f"advected, extrapolated: {-high:.3g} to 0"),
+        (1.5, -1.0, f"advected, extrapolated: {-high:.2g} to 0"),
     ):
         session.editor.amend(time=share * tau)
         values = factor * high * (source - source.min()) / np.ptp(source)

@@ -109,7 +109,8 @@ class Report:
         farthest = float(errors.max())
         if not math.isfinite(farthest):
             return f"errors of {counted(len(errors), 'landmark')} unknown"
-        return f"{farthest_of(len(errors), 'landmark')} {share(farthest, is_short)} away"
+        error = f"{share(farthest, is_short)}{'' if is_short else ' of sqrt(area)'}"
+        return f"{farthest_of(len(errors), 'landmark')} {error} away"
 
     @property
     def _errors(self) -> FloatArray:
