@@ -114,7 +114,7 @@ class ExportDialog:
         tip = "Side from which the surfaces are shown, by default that of the window."
         view = ui.combo("view", settings.view, SHOWN_VIEWS, tip)
         background = ui.combo("background", settings.background, _BACKGROUNDS)
-        bar = ui.checkbox("color bar", settings.color_bar, "Include the colour bars.")
+        bar = ui.checkbox("colour bar", settings.color_bar, "Include the colour bars.")
         exporter.settings = replace(settings, view=view, background=background, color_bar=bar)
         ui.note(settings.movie_text if is_movie else settings.picture_text, "ink")
         fastest = outputs.FPS_MAX[settings.movie_suffix]

@@ -71,10 +71,10 @@ def draw_coloring(context: Context) -> None:
     ui, set_view = context.ui, context.session.editor.set_view
     now, is_full = context.session.view.coloring, context.session.view.full_range
     tip = f"Colours of the advected surface. {_COLORINGS[now]}"
-    chosen = ui.combo("color by", now, _COLORINGS, tip)
+    chosen = ui.combo("colour by", now, _COLORINGS, tip)
     kind = "full" if is_full else "robust"
     kind = ui.combo("range", kind, _RANGES, f"Range of the colours. {_RANGES[kind]}")
-    set_view(f"color by {chosen}", coloring=chosen)
+    set_view(f"colour by {chosen}", coloring=chosen)
     set_view("change the range", full_range=kind == "full")
     if chosen == "labels":
         _draw_labels(context, opens=chosen != now)
@@ -106,7 +106,7 @@ def draw_field(context: Context) -> None:
     _switch(context, "arrows", "arrows", "toggle arrows", _ARROWS)
     obstacle = _streaks_obstacle(context)
     is_shown = view.arrows or (view.streaks and not obstacle) or view.coloring in FIELD_COLORINGS
-    with ui.disabled(not is_shown, "Tick arrows or streaks first, or color by speed."):
+    with ui.disabled(not is_shown, "Tick arrows or streaks first, or colour by speed."):
         ui.same_line_if_fits("fade uncertain motion")
         _switch(context, "fade uncertain motion", "fade_uncertain", "toggle fading", _UNCERTAIN)
         draw_help(context, "uncertainty")

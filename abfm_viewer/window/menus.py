@@ -181,8 +181,8 @@ def _view(ui: Ui, actions: Actions) -> None:
     imgui.Separator()
     _choices(ui, session, "Layout", "layout", {name: name for name in LAYOUTS})
     maps = ("automatic", *colormaps.NAMES)
-    _choices(ui, session, "Color map", "colormap", {name: name for name in maps})
-    for label, name in (("Isolines", "isolines"), ("Color bar", "color_bar")):
+    _choices(ui, session, "Colour map", "colormap", {name: name for name in maps})
+    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
         shown = getattr(view, name)
         if menu_item(ui, label, checked=shown):
             what = f"{'hide' if shown else 'show'} the {label.lower()}"

@@ -91,7 +91,7 @@ def save_pictures(small, tmp_path):
     assert plain.info["dpi"] == pytest.approx((160, 160), abs=0.1)
     assert np.asarray(plain)[0, 0].max() < 100
     small.click("Picture...")
-    small.check("color bar", False)
+    small.check("colour bar", False)
     small.choose("background", "white")
     small.click("Close", within=TITLE)
     exported(small, "Picture", tmp_path / "white.png")

@@ -30,7 +30,7 @@ def test_tour_of_look(matched, walk):
 
 def show_fields_maps_and_comparisons(matched):
     for coloring in ("speed", "divergence", "curl", *MAPS):
-        matched.choose("color by", coloring)
+        matched.choose("colour by", coloring)
         assert matched.session.view.coloring == coloring
         calm(matched)
         if coloring in MAPS:
@@ -86,12 +86,12 @@ def switch_arrows_streaks_lines_and_points(matched):
     calm(matched)
     paints = matched.window.scene.paints
     for coloring, bar in (("speed", "speed, in"), ("curl", "curl"), ("function", "function")):
-        matched.choose("color by", coloring)
+        matched.choose("colour by", coloring)
         matched.wait(lambda _, bar=bar: paints["advected"].bar.startswith(bar))
         matched.wait(lambda _: paints["advected"].kind == "texture")
-    matched.choose("color by", "checker")
+    matched.choose("colour by", "checker")
     assert not matched.is_enabled("streaks")
-    matched.choose("color by", "function")
+    matched.choose("colour by", "function")
     matched.check("fade with speed")
     assert session.view.fade
     calm(matched)
@@ -138,7 +138,7 @@ def warn_of_a_torn_map(matched, notes):
     for result, expected in ((slow, 0), (replace(good, fine_velocity=wild), 1)):
         session.editor.amend(result=result)
         for coloring in MAPS:
-            matched.choose("color by", coloring)
+            matched.choose("colour by", coloring)
             calm(matched)
             count = expected if coloring != "function" else 0
             matched.wait(lambda _, count=count: len(warned()) >= count)

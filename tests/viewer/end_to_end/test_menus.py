@@ -263,7 +263,7 @@ def change_the_view(gui, tmp_path):
             ("advected",) if layout == "advected only" else ("source", "advected", "target")
         )
     for colormap in (*colormaps.NAMES, "automatic"):
-        gui.menu("View", "Color map", colormap)
+        gui.menu("View", "Colour map", colormap)
         assert gui.session.view.colormap == colormap
     for scale in (*UI_SCALES[1:], UI_SCALES[0]):
         gui.menu("View", "UI scale", f"{scale:g}")
@@ -279,7 +279,7 @@ def change_the_view(gui, tmp_path):
         return np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), int)
 
     before, brightness = picture()[:440, :470], {}
-    for label, name in (("Isolines", "isolines"), ("Color bar", "color_bar")):
+    for label, name in (("Isolines", "isolines"), ("Colour bar", "color_bar")):
         was = getattr(gui.session.view, name)
         gui.menu("View", label)
         assert getattr(gui.session.view, name) is not was
@@ -397,7 +397,7 @@ def search_actions(gui):
     find("goal")
     assert gui.window.ui.open_sections["Advanced"]
     gui.key("esc")
-    find("color by divergence")
+    find("colour by divergence")
     assert gui.session.view.coloring == "divergence"
     gui.menu("Help", "Search actions...")
     gui.type("words", "isol")

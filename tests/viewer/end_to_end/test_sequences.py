@@ -271,7 +271,7 @@ def interpolate_between_frames(solved):
     solved.check("streaks")
     solved.type("time", "1.5")
     solved.wait(lambda _: solved.window.scene.paints["advected"].kind == "texture")
-    solved.choose("color by", "speed")
+    solved.choose("colour by", "speed")
     settled(solved)
     assert shown(solved).kind == "texture"
     solved.check("streaks", on=False)
@@ -442,11 +442,11 @@ def test_files_of_sequences_open(opened, tmp_path):
     opened.wait(lambda _: ps.has_surface_mesh("arrows"))
     opened.click("Look", within="steps")
     opened.check("arrows", on=False)
-    opened.choose("color by", "speed")
+    opened.choose("colour by", "speed")
     opened.window.files.open(path)
     opened.wait(lambda s: s.document.identity is not document.identity)
     assert (opened.session.view.arrows, opened.session.view.coloring) == (True, "function")
-    opened.choose("color by", "function")
+    opened.choose("colour by", "function")
     opened.session.switch_flow_after_match()
     before = opened.session.document
     opened.window.files.open(path)

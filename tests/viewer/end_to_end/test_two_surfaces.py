@@ -104,7 +104,7 @@ def choose_the_initial_map(gui, files, notes):
     gui.wait(lambda _: gui.window.scene.paints["advected"].title == "advected: no values")
     gui.choose("initial map", "same connectivity")
     gui.wait(lambda s: not s.obstacle)
-    gui.choose("color by", "checker")
+    gui.choose("colour by", "checker")
     on_b = gui.window.shown.flow.coordinates()
     assert_array_equal(on_b, session.work.prepared.initial.correspondence.points.positions)
     gui.frames(2)
@@ -249,7 +249,7 @@ def show_and_transfer_labels(gui, tmp_path):
     on_a = session.surface("source").mesh
     keys = np.where(on_a.vertices[:, 0] > 0, 3, 8)
     write_labels(tmp_path / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
-    gui.choose("color by", "labels")
+    gui.choose("colour by", "labels")
     gui.double_click("halves.label.gii")
     gui.wait(lambda _: gui.window.scene.paints["source"].kind == "colors")
     paints = gui.window.scene.paints

@@ -78,7 +78,7 @@ def enlarge_one_surface(running):
 
 
 def escape_a_menu_before_the_run(running):
-    for label, kind in (("View", "menu"), ("Samples", "menu"), ("color by", "combo")):
+    for label, kind in (("View", "menu"), ("Samples", "menu"), ("colour by", "combo")):
         running.click("Look", within=STEPS)
         running.click(label)
         running.key("escape")
