@@ -94,7 +94,8 @@ class TaskProgress:
         overall, now = self.overall, self.iteration
         residual = residual_text(now) if now and self._part else ""
         detail = self._part or overall.detail()
-        return ", ".join(filter(None, (overall.name, overall.text(), detail, residual)))
+        parts = dict.fromkeys((overall.name, overall.text(), detail, residual))  # each once
+        return ", ".join(filter(None, parts))
 
     def line(self, now: float | None = None) -> str:
         """Return a line to print at a time, by default now; mostly empty."""
@@ -151,7 +152,7 @@ class _OverallText(ProgressColumn):
     """The text of a task, cut at the width of the terminal, so that it never takes two lines."""
 
     def __init__(self, state: TaskProgress) -> None:
-        super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+        super().__init__(Column(no_wrap=True, overflow="ellipsis"))
         self._state = state
 
     def render(self, task: Task) -> Text:
@@ -245,10 +246,11 @@ def _progress_bar(
     if quiet:
         yield lambda **state: None
     elif sys.stderr.isatty():
+        console = Console(stderr=True)
         with (
             # a signal clears the bar and shows the cursor again
             signals.cleanup_on_signal(partial(os.write, 2, b"\r\x1b[2K\x1b[?25h")),
-            Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as bar,
+            Progress(*columns, console=console, transient=True, expand=_BAR in columns) as bar,
         ):
             yield partial(bar.update, bar.add_task("", total=total, **state))
     else:
