@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from PIL import Image, ImageDraw
 
+import abfm
 from abfm import TriangleMesh
-from abfm.calculus.operators import face_normals
 from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange, colors_of
 from abfm.pages.front import front_of
@@ -47,7 +47,7 @@ def _drawn(view: View, size: tuple[int, int], colors: ColorRange | None) -> Imag
     if values is not None and colors is not None:
         of_vertices = colors_of(values, colors, ~np.isfinite(values)) ** (1 / 2.2)
         paint = of_vertices[mesh.faces].mean(axis=1)
-    light = _SHADE_MIN + (1 - _SHADE_MIN) * np.abs(face_normals(mesh) @ axes[2])
+    light = _SHADE_MIN + (1 - _SHADE_MIN) * np.abs(abfm.calculus.face_normals(mesh) @ axes[2])
     inks = np.round(255 * paint * light[:, None]).astype(np.uint8)
     picture = Image.new("RGBA", (_SUBPIXELS * size[0], _SUBPIXELS * size[1]))
     canvas, order = ImageDraw.Draw(picture), places[mesh.faces, 2].sum(axis=1).argsort()

@@ -62,7 +62,7 @@ _SLEEP_SECONDS_MIN = 0.002
 _DOUBLE_CLICK_SECONDS = 0.5  # as on most desktops; ImGui's 0.3 s are too short for slow frames
 _IDLE_SECONDS = 1.0  # without motion, after which frames are drawn less often
 _PANEL_WIDTH = 380
-_PANEL_WIDTH_SHARE_MAX = 0.44  # of the window
+_PANEL_WIDTH_SHARE_MAX = 0.48  # of the window
 _STATUS_HEIGHT = 30
 _BUNDLED_MESH = "human_fine_A.off"
 
