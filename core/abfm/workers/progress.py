@@ -30,6 +30,7 @@ _SECONDS_MIN = 1e-3  # shorter steps are not measured, as the clock is too coars
 _SECONDS_SHOWN_MIN = 2.0  # the duration of shorter steps is not shown
 _SHARE_MAX = 0.99  # share of a step that takes longer than expected
 _EXCESS_SHARE = 0.2  # a step that exceeds its estimate still takes this share of the excess
+_SHARE_PER_SECOND_MAX = 0.1  # growth of that share, because the first estimates may be too short
 _FALL_MAX = 0.1  # largest amount by which the share of a task may fall
 # delay with which the estimate of the end follows changes: in seconds, plus a share of elapsed time
 _DELAY_SECONDS = 3.0
@@ -151,6 +152,7 @@ class Overall:
         self.began = _time(now)
         self.step: Step | None = None  # the present step
         self._latest: Step | None = None  # the present step or, between two steps, the last one
+        self._share = 0.0, 0.0  # the latest share, and the elapsed time
         self._most = 0.0  # the largest share so far
         self._shown = math.inf  # the remaining time that was shown last
         # the estimate of the end, which follows its changes slowly, and when it was updated
@@ -170,8 +172,10 @@ class Overall:
         """Return the completed share, 0 to 1; None until it can be estimated."""
         if (remaining := self.seconds_remaining(now)) is not None:
             elapsed = self._now(now) - self.began
-            share = max(elapsed / (elapsed + remaining), self._most - _FALL_MAX)
-            self._most = max(share, self._most)
+            before, then = self._share
+            most = before + _SHARE_PER_SECOND_MAX * (elapsed - then)
+            share = max(min(elapsed / (elapsed + remaining), most), self._most - _FALL_MAX)
+            self._share, self._most = (share, elapsed), max(share, self._most)
             return share
         return self._most or None
 

@@ -127,6 +127,10 @@ def test_share_of_a_task_falls_by_a_tenth_at_most():
     assert overall([7.0, 1e6])[0] == pytest.approx([0.3, 0.2])
 
 
+def test_share_of_a_task_rises_slowly():
+    assert overall([0.0, 0.0, 6.0])[0] == pytest.approx([0.3, 0.4, 0.5], abs=0.02)
+
+
 def test_remaining_time_follows_large_changes_only():
     ends = np.repeat([50.0, 55.0, 200.0], [10, 10, 170])
     times = [text.removeprefix("within about ") for text in overall(ends - np.arange(3, 193))[1]]

@@ -215,6 +215,7 @@ def _outlook(state: State) -> Plan:
     return Plan(
         state.variant.fields,
         steps=len(state.sweep.sigmas) if is_search and state.sweep is not None else 0,
+        has_given_end=schedule.has_given_end,
         is_clustered=levels.exact(level) != level,
         is_exact=levels[level].cheaper is not None,
         attempts=attempts * (1.0 if schedule.is_measured else SECOND_SHARE),

@@ -17,11 +17,12 @@ SECOND_SHARE = 0.3  # share of matches whose first attempt fails
 REFINED_SHARE = 0.8  # share of matches that are refined after a failed attempt, if they can be
 COARSE_SHARE = 0.25  # share of these, if the problem has coarser meshes than its own
 _STEP_ITERATIONS = 15  # of a step of the search, unless an earlier attempt had this step
+_END_ITERATIONS = 100  # of the last step, if its sigma is given
 _MESH_ITERATIONS = 15  # on the mesh of the problem, after the search
 _REFINED_ITERATIONS = (100, 80, 40)  # on consecutive midpoint subdivisions
 _EXACT_ITERATIONS = 20  # without clusters of vertices
 _COST_WITHOUT_CLUSTERS = 4.0  # ratio of the time of such an iteration to that with clusters
-_LEFT_SHARE_MIN = 0.25  # least share of these iterations that are expected to remain
+_CONTINUED_SHARE = 0.5  # least ratio of remaining to finished iterations of a step
 _COST_EXPONENT = 1.3  # the time of an iteration grows with this power of the vertices
 _COST_OF_FIELDS = 1.5  # ratio of the time of an iteration with two fields to that with one
 _SECONDS_PER_VERTEX = 5e-5  # for the preparation of a mesh, and the check by flow lines
@@ -48,6 +49,7 @@ class Plan(NamedTuple):
     steps: int = 0  # remaining steps of an attempt of the search; 0 after the search
     is_clustered: bool = False  # whether vertices form clusters
     is_exact: bool = False  # whether the clusters of such a mesh are not used
+    has_given_end: bool = False  # whether the last sigma is given
     attempts: float = 0.0  # expected number of later attempts
     sizes: tuple[int, ...] = ()  # vertices of the problem's mesh, if a coarser one is in use
     refined: int = 0  # number of subdivisions so far
@@ -111,6 +113,7 @@ class Outlook:
         each, later = self._each(vertices, fields), _SECONDS_PER_VERTEX * vertices
         if plan.steps:
             steps = self._usual_steps(plan.steps)
+            steps[-1] = max(steps[-1], _END_ITERATIONS * plan.has_given_end)
             usual, *left = steps[-plan.steps :]
             later = sum(left) * each
             later += plan.attempts * sum(steps) * self._each(vertices, 2 * fields)
@@ -118,7 +121,7 @@ class Outlook:
             times = min(plan.refined, len(_REFINED_ITERATIONS))
             usual = _REFINED_ITERATIONS[times - 1] if times else _MESH_ITERATIONS
             usual = _EXACT_ITERATIONS if plan.is_exact else usual
-        later += max(usual - self._done, _LEFT_SHARE_MIN * usual) * each
+        later += max(usual - self._done, _CONTINUED_SHARE * self._done) * each
         if plan.is_clustered:
             later += _EXACT_ITERATIONS * _COST_WITHOUT_CLUSTERS * each
         for size in plan.sizes:
@@ -130,8 +133,11 @@ class Outlook:
     def _usual_steps(self, remaining: int) -> list[int]:
         """Return the usual numbers of iterations of all steps of the present attempt."""
         known = self._attempts[-2] if len(self._attempts) > 1 else []
-        total = len(self._attempts[-1]) + remaining
-        return [*known[:total], *[_STEP_ITERATIONS] * (total - len(known))]
+        finished = self._attempts[-1]
+        total, usual = len(finished) + remaining, _STEP_ITERATIONS
+        if finished:
+            usual = max(usual, sum(finished) // len(finished))
+        return [*known[:total], *[usual] * (total - len(known))]
 
     def _each(self, vertices: int, fields: int) -> float:
         """Return the seconds of an iteration, extrapolated from the latest ones if necessary."""
