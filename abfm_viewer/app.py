@@ -31,12 +31,8 @@ def _run(words: list[str]) -> int:
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     add = adder(parser)
-    add(
-        "file",
-        "mesh, project (.abfm), result (.npz) or folder of results (default: a bundled mesh)",
-        "FILE",
-        nargs="?",
-    )
+    about = "mesh, project (.abfm), result (.npz) or folder of results (default: a bundled mesh)"
+    add("file", about, "FILE", nargs="?")
     about = "second mesh, to which the first is registered, or frames of a sequence on the mesh"
     add("second", about, "B", nargs="?")
     add("--array", "name of the array with the frames, in a .npz or VTK file", "NAME")

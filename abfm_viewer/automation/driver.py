@@ -100,7 +100,10 @@ class Driver:
                 self.window.scene.pick = self._nearest_vertex
             self.session = self.window.session
             self.search = WidgetSearch(self.window, self.input)
-            self.wait(_has_values, _OPEN_SECONDS_MAX)
+            self.wait(
+                lambda session: all(session.values(side) is not None for side in SIDES),
+                _OPEN_SECONDS_MAX,
+            )
         except BaseException:
             self._closing.close()
             raise
@@ -339,10 +342,6 @@ class Driver:
                 vertex = near[np.argmin(depth[near])]
                 hits.append((distances[vertex], scene.nearest(surface, mesh.vertices[vertex])))
         return min(hits, key=lambda hit: hit[0])[1] if hits else None
-
-
-def _has_values(session: Session) -> bool:
-    return all(session.values(side) is not None for side in SIDES)
 
 
 def _on_slider(widget: Widget, value: float) -> Place:

@@ -133,20 +133,10 @@ def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
     about = "comma-separated table with one problem per row; with --over a triangle mesh"
     add("table", about, "TABLE.csv", nargs="?", type=Path)
-    add(
-        "--over",
-        "values of an option of the match; repeatable, for all combinations",
-        "NAME=A,B,...",
-        action="append",
-        default=[],
-    )
-    add(
-        "--status",
-        "solve nothing; write and print the summary of TABLE.csv, or of the last run in DIR",
-        "DIR",
-        nargs="?",
-        const=True,
-    )
+    about = "values of an option of the match; repeatable, for all combinations"
+    add("--over", about, "NAME=A,B,...", action="append", default=[])
+    about = "solve nothing; write and print the summary of TABLE.csv, or of the last run in DIR"
+    add("--status", about, "DIR", nargs="?", const=True)
     options.add_workers(parser)
     options.add_folder(parser)
     options.add_inputs(parser, MatchTask.inputs, ("mesh",))

@@ -65,39 +65,25 @@ MAIN_OPTIONS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add(
-        "--seconds",
-        "seconds for each compared method (default: 60)",
-        "S",
-        type=positive,
-        default=60.0,
-    )
+    about = "seconds for each compared method (default: 60)"
+    add("--seconds", about, "S", type=positive, default=60.0)
     add("--viewer", "measure the window, off-screen if there is no screen")
     add("--success", "count matches of random problems")
     add("--measured", "measure errors of maps between noisy functions")
     add("--arrival", "measure the seconds to a match on finer and finer meshes")
     choose = adder(parser.add_argument_group("with --success or --measured"))
-    choose(
-        "--meshes",
+    about = (
         "also use these meshes, files or folders, each folder with its own rows. Meshes are "
-        "merged, cleaned or cut if needed. Files that cannot be loaded are reported and skipped",
-        "PATH",
-        nargs="+",
-        type=Path,
-        default=[],
+        "merged, cleaned or cut if needed. Files that cannot be loaded are reported and skipped"
     )
+    choose("--meshes", about, "PATH", nargs="+", type=Path, default=[])
     choose("--only-given", "skip the bundled and generated meshes")
     choose("--solvable", "with --success: skip problems that are known to be unsolvable")
     choose("--problems", "number of problems per mesh (default: 6)", "N", type=count, default=6)
     choose("--seed", "seed of the random problems (default: 0)", type=seed, default=0)
     choose("--out", "folder for the results, from which later runs resume", "DIR", type=Path)
-    add(
-        "--json",
-        "print the report as one JSON object, or write it to FILE",
-        "FILE",
-        nargs="?",
-        const="",
-    )
+    about = "print the report as one JSON object, or write it to FILE"
+    add("--json", about, "FILE", nargs="?", const="")
     add("--quiet", "do not show progress")
     add_workers(parser)
 
@@ -117,15 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
             print(line, file=sys.stderr, flush=True)
 
     if arguments.success or arguments.measured:
-        trials = Trials(
-            _meshes(arguments),
-            log,
-            arguments.seed,
-            arguments.problems,
-            arguments.out,
-            cluster_of(arguments),
-            control,
-        )
+        of_run = arguments.seed, arguments.problems, arguments.out, cluster_of(arguments)
+        trials = Trials(_meshes(arguments), log, *of_run, control)
         with cancelled_by_signals(control, "with the finished problems") as interrupt:
             if arguments.success:
                 report = success.run(trials, arguments.solvable)

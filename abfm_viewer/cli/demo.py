@@ -42,14 +42,8 @@ TARGET = "gaussian:vertex=440,width=0.14"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    out = Path("out")
-    add(
-        "--out",
-        "folder for the files, created if missing (default: out)",
-        "DIR",
-        type=Path,
-        default=out,
-    )
+    about = "folder for the files, created if missing (default: out)"
+    add("--out", about, "DIR", type=Path, default=Path("out"))
     add_report(add)
 
 

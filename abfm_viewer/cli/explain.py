@@ -27,13 +27,8 @@ _WIDTH_MAX = 100
 
 def add_arguments(parser: options.Parser) -> None:
     add = options.adder(parser)
-    add(
-        "names",
-        "outcomes, causes, warnings, numbers or parameters",
-        "[NAME...]",
-        nargs="*",
-        default=[],
-    )
+    about = "outcomes, causes, warnings, numbers or parameters"
+    add("names", about, "[NAME...]", nargs="*", default=[])
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -57,19 +57,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--time", "time of the flow (default: tau); negative for its inverse", "T", type=float)
     add("--inverse", "use the inverse map")
     choose = adder(parser.add_mutually_exclusive_group())
-    choose(
-        "--push",
-        "push values along the flow, one row per vertex: texture coordinates, colours, ...",
-        "FILE",
-    )
+    what = "push values along the flow, one row per vertex: texture coordinates, colours, ..."
+    choose("--push", what, "FILE")
     what = "write the matrix of the flow in the first K eigenfunctions"
     choose("--functional-map", what, "K", type=int)
-    add(
-        "--truth",
+    what = (
         "measure geodesic errors against a map: a file of vertex numbers, identity, or a symmetry "
-        "of the mesh (mirror, rotation)",
-        "MAP",
+        "of the mesh (mirror, rotation)"
     )
+    add("--truth", what, "MAP")
     add("--json", "print the report as one JSON object")
 
 
@@ -136,12 +132,8 @@ def _of_two_surfaces(arguments: argparse.Namespace, found: Correspondence) -> in
         )
     if arguments.out is not None:
         write_values(arguments.out, vertex_numbers(correspondence.points))
-    return _report(
-        arguments,
-        {"map": report.map_details(correspondence)},
-        report.map_lines(correspondence, accuracy),
-        accuracy,
-    )
+    facts = {"map": report.map_details(correspondence)}
+    return _report(arguments, facts, report.map_lines(correspondence, accuracy), accuracy)
 
 
 def _true_vertices(correspondence: Correspondence, path: str) -> IntArray:

@@ -64,9 +64,6 @@ class Parser(argparse.ArgumentParser):
     def format_help_all(self) -> str:
         return self._help(self._actions, is_complete=True)
 
-    def format_usage(self) -> str:
-        return f"usage: {self.usage_line}\n"
-
     @property
     def usage_line(self) -> str:
         words = [self.prog]

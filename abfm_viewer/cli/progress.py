@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
     ProgressColumn,
+    RenderableColumn,
     Task,
     TextColumn,
     TimeElapsedColumn,
@@ -71,7 +72,8 @@ def task_progress(quiet: bool) -> Iterator[Callable[[object], None]]:
         if line := state.line():
             print_line(line)
 
-    columns = _OverallBar(state.overall), _OverallText(state)
+    one_line = Column(no_wrap=True, overflow="ellipsis")  # at the width of the terminal
+    columns = RenderableColumn(_Bar(state.overall)), RenderableColumn(state, table_column=one_line)
     with (
         _progress_bar(quiet, print_progress, 1.0, *columns) as update,
         nullcontext() if quiet else reporting_steps(show),
@@ -96,6 +98,9 @@ class TaskProgress:
         detail = self._part or overall.detail()
         parts = dict.fromkeys((overall.name, overall.text(), detail, residual))  # each once
         return ", ".join(filter(None, parts))
+
+    def __rich__(self) -> Text:
+        return Text(self.text(), no_wrap=True, overflow="ellipsis")
 
     def line(self, now: float | None = None) -> str:
         """Return a line to print at a time, by default now; mostly empty."""
@@ -127,36 +132,20 @@ class TaskProgress:
         return ", ".join(filter(None, (f"mesh of {now.vertices:,} vertices", attempt_text(now))))
 
 
+class _Bar(NamedTuple):
+    overall: Overall
+
+    def __rich__(self) -> ProgressBar:
+        share = self.overall.share()
+        return ProgressBar(1.0, share or 0.0, _SHORT_BAR, pulse=share is None)
+
+
 class _RemainingTime(ProgressColumn):
     max_refresh = 0.5  # seconds
 
     def render(self, task: Task) -> Text:
         seconds = task.time_remaining
         return Text(within(seconds) if seconds else "")
-
-
-class _OverallBar(BarColumn):
-    def __init__(self, overall: Overall) -> None:
-        super().__init__()
-        self._overall = overall
-
-    def render(self, task: Task) -> ProgressBar:
-        share = self._overall.share()
-        is_unknown = share is None
-        return ProgressBar(
-            1.0, share or 0.0, _SHORT_BAR, is_unknown, animation_time=task.get_time()
-        )
-
-
-class _OverallText(ProgressColumn):
-    """The text of a task, cut at the width of the terminal, so that it never takes two lines."""
-
-    def __init__(self, state: TaskProgress) -> None:
-        super().__init__(Column(no_wrap=True, overflow="ellipsis"))
-        self._state = state
-
-    def render(self, task: Task) -> Text:
-        return Text(self._state.text(), no_wrap=True, overflow="ellipsis")
 
 
 @contextmanager

@@ -79,33 +79,20 @@ _FPS = 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add(
-        "input",
-        "result of `abfm match`, `register` or `sequence`, or a project of the app",
-        "RESULT.npz|PROJECT.abfm",
-    )
+    what = "result of `abfm match`, `register` or `sequence`, or a project of the app"
+    add("input", what, "RESULT.npz|PROJECT.abfm")
     what = "picture (.png), movie (.mp4, .gif) or page (.html) to write"
     add("--out", what, "FILE", type=Path, required=True)
-    add(
-        "--size",
-        "size in pixels (default: 1600x900, movies 1280x720, .gif 800x450; sheets by their panels)",
-        "WxH",
-        type=size,
-    )
+    what = "size in pixels (default: 1600x900, movies 1280x720, .gif 800x450; "
+    add("--size", f"{what}sheets by their panels)", "WxH", type=size)
     add("--dpi", "pixels per inch of a printed picture (default: 300)", "N", type=positive)
-    add(
-        "--time",
+    what = (
         "time of a picture, 0 to 2 tau for a match (default: that of the project, or tau). It is "
-        "repeatable for a sheet (default: quarters of tau, or six times of a sequence)",
-        "T",
-        type=float,
-        action="append",
+        "repeatable for a sheet (default: quarters of tau, or six times of a sequence)"
     )
-    add(
-        "--style",
-        "style of a picture (default: window for projects and registrations, else sheet)",
-        choices=("sheet", "window"),
-    )
+    add("--time", what, "T", type=float, action="append")
+    what = "style of a picture (default: window for projects and registrations, else sheet)"
+    add("--style", what, choices=("sheet", "window"))
     add("--channel", "channel number (default: 0, or the active one of a project)", "C", type=int)
     add_view(add)
     add = adder(parser.add_argument_group("pictures and movies in the style of the window"))
@@ -113,11 +100,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--background", what, choices=BACKGROUNDS)
     add("--no-color-bar", "omit the colour bars")
     add("--no-labels", "omit the names of the surfaces")
-    add(
-        "--streaks",
-        "draw streaks along the field on the advected surface (line integral convolution); they "
-        "move in a movie",
-    )
+    what = "draw streaks along the field on the advected surface (line integral convolution); "
+    add("--streaks", f"{what}they move in a movie")
     add("--theme", "colours of the background and texts (default: light)", choices=THEMES)
     add("--fade", "fade the streaks where the field is slow")
     add = adder(parser.add_argument_group("movies"))

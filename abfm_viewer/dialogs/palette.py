@@ -61,14 +61,8 @@ class Palette:
 
     def draw(self, ui: Ui) -> tuple[Entry | None] | None:
         with dialog(ui, self.title, _WIDTH, _HEIGHT):
-            hint = "type words, then press Enter"
-            query = ui.live_text(
-                "##words",
-                self._query,
-                hint,
-                focus=self._is_new,
-                width=imgui.GetContentRegionAvail()[0],
-            )
+            hint, width = "type words, then press Enter", imgui.GetContentRegionAvail()[0]
+            query = ui.live_text("##words", self._query, hint, focus=self._is_new, width=width)
             self._is_new = False
             if query != self._query:
                 self._query, self._chosen = query, 0

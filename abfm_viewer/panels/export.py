@@ -64,8 +64,9 @@ class ExportDialog:
             with ui.disabled(exporter.running):
                 if self._name in (PICTURE, MOVIE):
                     problem = self._draw_pictures(ui)
-                else:
-                    self._suffix = self._draw_suffix(ui, chosen, self._suffix)
+                elif chosen.suffixes[1:]:
+                    suffix = self._suffix if self._suffix in chosen.suffixes else chosen.suffixes[0]
+                    self._suffix = ui.combo("file type", suffix, chosen.suffixes)
             if not chosen.is_ready:
                 problem = "Available after a match."
             if problem:
@@ -83,8 +84,7 @@ class ExportDialog:
 
     def _choose_file(self, chosen: Format) -> None:
         context, exporter = self._context, self._context.exporter
-        stored: dict[str, Any] = asdict(exporter.settings)
-        context.preferences.change(export=stored)
+        context.preferences.change(export=asdict(exporter.settings))
         suffix = self._suffix if self._suffix in chosen.suffixes else chosen.suffixes[0]
         if self._name == MOVIE:
             suffix = exporter.settings.movie_suffix
@@ -96,10 +96,6 @@ class ExportDialog:
             chosen.save(path)
 
         context.dialogs.save(f"Save the {self._name.lower()}", (suffix, *others), name, save)
-
-    def _draw_suffix(self, ui: Ui, chosen: Format, suffix: str) -> str:
-        suffix = suffix if suffix in chosen.suffixes else chosen.suffixes[0]
-        return ui.combo("file type", suffix, chosen.suffixes) if chosen.suffixes[1:] else suffix
 
     def _draw_pictures(self, ui: Ui) -> str:
         """Draw the settings of pictures or movies; return why they are impossible, if they are."""
@@ -161,15 +157,8 @@ class ExportDialog:
         end = time("to", settings.end, f"Last time of the movie.{beyond}")
         tip = "Turns of the surfaces about their upright axis during the movie, such as 1 or -0.5."
         turns = ui.bounded("turns###turntable", settings.turns, Range(-2, 2), tip, (-100, 100))
-        return replace(
-            settings,
-            movie_suffix=suffix,
-            seconds=seconds,
-            fps=fps,
-            start=start,
-            end=end,
-            turns=turns,
-        )
+        settings = replace(settings, movie_suffix=suffix, seconds=seconds, fps=fps)
+        return replace(settings, start=start, end=end, turns=turns)
 
 
 def open_dialog(context: Context, name: str = PICTURE) -> None:

@@ -147,14 +147,8 @@ def draw(context: Context) -> None:
 
 
 def _preset(ui: Ui, session: Session) -> None:
-    now = row_of(session.parameters)
-    shown = (
-        now.label
-        if now
-        else _DEFAULTS
-        if session.parameters == _DEFAULT_PARAMETERS
-        else _CUSTOM_VALUES
-    )
+    now, is_default = row_of(session.parameters), session.parameters == _DEFAULT_PARAMETERS
+    shown = now.label if now else _DEFAULTS if is_default else _CUSTOM_VALUES
     rows = {row.label: row for row in TABLE_1.values()}
     tips = {_CUSTOM_VALUES: ""} if shown == _CUSTOM_VALUES else {}
     tips[_DEFAULTS] = "Recommended for most meshes and functions."

@@ -17,7 +17,7 @@ from abfm_viewer.panels import row_comparison
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.explanations import draw_help
 from abfm_viewer.session.result_tables import Tables
-from abfm_viewer.widgets.containers import menu_button, menu_item, window
+from abfm_viewer.widgets.containers import is_mouse_in, menu_button, menu_item, window
 from abfm_viewer.widgets.toolkit import Pushed, TextTone, Ui, close_by_escape
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -73,8 +73,7 @@ def height(available: float, scale: float) -> float:
 def draw(context: Context, rect: Rect) -> None:
     ui, tables = context.ui, context.files.tables
     if imgui.IsMouseClicked(0) and context.ui.record.enabled:
-        x, y = imgui.GetMousePos()
-        tables.has_keys = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        tables.has_keys = is_mouse_in(rect)
     with window(ui, "result table", rect), ui.group("table"):
         _draw_line(context, tables)
         draw_help(context, "quality columns")
@@ -179,7 +178,9 @@ def _draw_rows(context: Context, tables: Tables) -> None:
     columns = _fitting(ui, shown_columns(context, table), width)
     # without matching rows, draw only the headings, and the message below them
     has_no_match = not rows and bool(tables.search.strip())
-    size = 0.0, _height_of_rows(0.0 if has_no_match else high)
+    border, room = 2.0, 0.0 if has_no_match else high
+    # as high as the headings and the complete rows that fit
+    size = 0.0, _row_height() * max((room - border) // _row_height(), 1.0) + border
     if not imgui.BeginTable(f"rows of {columns}", len(columns), _FLAGS, size):
         return
     try:
@@ -201,12 +202,6 @@ def _draw_rows(context: Context, tables: Tables) -> None:
         all_rows = counted(len(table.rows), table.noun)
         message = f"no match for {brief(tables.search.strip())} among {all_rows}"
         ui.line(message, "ink", room=width)
-
-
-def _height_of_rows(room: float) -> float:
-    """Return the height of the headings and the complete rows that fit into ``room`` pixels."""
-    border = 2.0
-    return _row_height() * max((room - border) // _row_height(), 1.0) + border
 
 
 def _row_height() -> float:

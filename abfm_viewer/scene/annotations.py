@@ -26,6 +26,7 @@ from abfm_viewer.scene.scene import FAINT_TEXT, LANDMARK_RADIUS, NO_VALUE, Drawn
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import COMPUTING_SUFFIX
+from abfm_viewer.widgets.containers import is_mouse_in
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -432,8 +433,7 @@ class GaussianMarkers:
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         if session.values("source") is None and session.values("target") is None:
             return
-        x, y = imgui.GetIO().MousePos
-        has_shift = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        has_shift = imgui.GetIO().KeyShift and is_mouse_in(rect)
         canvas = imgui.GetBackgroundDrawList()
         for side in SIDES:
             if side not in scene.shown or not (found := self._centre(session, side, has_shift)):

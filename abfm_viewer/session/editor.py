@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -259,9 +259,6 @@ class Editor:
         if time != self.document.time:
             self.time_changed = clock.perf_counter()
             self.change("move in time", merge="time", time=time)
-
-    def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
-        self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})
 
     def switch_placing(self) -> None:
         tool = "nothing" if self.document.view.tool == "landmark" else "landmark"

@@ -227,7 +227,8 @@ class Session(Parts):
     def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
         """Add a start of a flow line, or a point that follows the flow, at a click in a slot."""
         if (placed := self.work.on_flow(slot, point)) is not None:
-            self.editor.add_point(kind, placed)
+            points = *getattr(self.document, kind), placed
+            self.editor.change("place a point", "", **{kind: points})
 
     @property
     def continues(self) -> bool:

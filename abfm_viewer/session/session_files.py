@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import abfm
@@ -63,17 +63,7 @@ OTHER_TABLE = "Open another table..."
 SAVING_TOPIC = "saving"  # topic of cards about saving
 Action = Callable[[], None]
 ShowMesh = Callable[[Path, TriangleMesh], None]
-
-
-class OpenQuestion(Protocol):
-    def __call__(
-        self,
-        title: str,
-        text: str,
-        buttons: Mapping[str, Action | None],
-        instead: Callable[[], Action | None] = ...,
-        /,
-    ) -> None: ...
+OpenQuestion = Callable[..., None]  # parameters as of `Dialogs.question`
 
 
 def open_session(

@@ -351,15 +351,23 @@ class MatchWork(Work):
         goal = Parameters(goal=self.document.parameters.goal)
         spec = replace(self.problem, parameters=goal)
         given = spec, self.parts.functions.of_document(self.document)
-        return self._expected.newest(spec.mesh, _expected_obstacles, *given) or ()
+
+        def find(spec: ProblemSpec, functions: Evaluators) -> tuple[abfm.outcome.Facts, ...]:
+            return abfm.matching.expected_obstacles(spec.problem(functions))
+
+        return self._expected.newest(spec.mesh, find, *given) or ()
 
     @property
     def sufficient_smoothing(self) -> tuple[int, float] | None:
         if self.obstacle:
             return None
         spec = replace(self.problem, parameters=Parameters())
-        given = spec, self.parts.functions.of_document(self.document)
-        return self._smoothing.request((spec.mesh, given), partial(_sufficient_smoothing, *given))
+        functions = self.parts.functions.of_document(self.document)
+
+        def find() -> tuple[int, float] | None:
+            return abfm.matching.sufficient_smoothing(spec.problem(functions))
+
+        return self._smoothing.request((spec, functions), find)
 
     def defaults(self) -> tuple[tuple[str, str] | None, str]:
         """Return specs of the default source and target, None until known, and an error or "".
@@ -570,14 +578,6 @@ class SequenceWork(Work):
                 parts.player.play_once()
         if count < len(found):
             parts.notices.show(_cancelled_text(count, len(found), earlier))
-
-
-def _expected_obstacles(spec: ProblemSpec, functions: Evaluators) -> tuple[abfm.outcome.Facts, ...]:
-    return abfm.matching.expected_obstacles(spec.problem(functions))
-
-
-def _sufficient_smoothing(spec: ProblemSpec, functions: Evaluators) -> tuple[int, float] | None:
-    return abfm.matching.sufficient_smoothing(spec.problem(functions))
 
 
 def _cancelled_text(count: int, total: int, earlier: abfm.Sequence | None) -> str:

@@ -120,13 +120,6 @@ def pushed_gradient(flow: FlowState, function: FloatArray, time: float) -> Field
     return Field(mesh, pushed, speed, unit="the source's unit per length", dimension=-1)
 
 
-def field_arrows(
-    field: Field, style: ArrowStyle, eye: Eye, determined: FloatArray | None
-) -> Arrows:
-    """Return the arrows of a field from a viewpoint; ``determined`` (F,) is their opacity."""
-    return arrows_of(field.mesh, field.velocity, style, eye, determined)
-
-
 def derivative(field: Field, kind: Coloring) -> FloatArray:
     calculus, mesh = abfm.calculus, field.mesh
     operator = calculus.divergence if kind == "divergence" else calculus.curl
@@ -250,8 +243,8 @@ class FieldQuantities(Jobs):
         if (fast := self.fast(field)) is None:
             return self._arrows.value
         style = ArrowStyle(view.arrow_length, arrow_spacing(view.arrow_density, scale), fast)
-        options = style, eye, self.determined()
-        return self._arrows.newest(field.mesh, field_arrows, field, *options)
+        of = field.mesh, field.velocity, style, eye, self.determined()
+        return self._arrows.newest(field.mesh, arrows_of, *of)
 
     def determined(self) -> FloatArray | None:
         """Return the share of the shown field that the data determine, (F,), up to 1.

@@ -219,6 +219,10 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
     return ui.open_tab
 
 
+def is_mouse_in(rect: Rect) -> bool:
+    return bool(imgui.IsMouseHoveringRect(rect[:2], rect[2:], False))
+
+
 def is_popup_open() -> bool:
     anywhere = imgui.ImGuiPopupFlags_AnyPopupId | imgui.ImGuiPopupFlags_AnyPopupLevel
     return bool(imgui.IsPopupOpen("", anywhere))

@@ -10,7 +10,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.document.keyboard import hint
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import placement
-from abfm_viewer.widgets.containers import card
+from abfm_viewer.widgets.containers import card, is_mouse_in
 from abfm_viewer.widgets.widget_record import Rect
 
 SCENE = "surfaces"
@@ -134,7 +134,7 @@ class Tour:
         self.target = self._target(stop, parts)
         if not self._context.dialogs.is_open:
             self._draw_card(stop, parts[PANEL])
-        is_clicked = imgui.IsMouseReleased(0) and _is_in(self.target, imgui.GetMousePos())
+        is_clicked = imgui.IsMouseReleased(0) and is_mouse_in(self.target)
         changed = stop.state(self._context) is not self._before if stop.state else is_clicked
         if changed and self._stops is stops and not (imgui.IsMouseDown(0) or ui.capturing):
             self._go_to(stops[1:])
@@ -186,7 +186,3 @@ class Tour:
         corners = (target[0] - 2, target[1] - 2), (target[2] + 2, target[3] + 2)
         color = imgui.GetColorU32(ui.colors.accent)
         imgui.GetForegroundDrawList().AddRect(*corners, color, ui.px(4), 0, ui.px(2.5))
-
-
-def _is_in(rect: Rect, place: tuple[float, float]) -> bool:
-    return rect[0] <= place[0] < rect[2] and rect[1] <= place[1] < rect[3]

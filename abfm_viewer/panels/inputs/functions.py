@@ -442,13 +442,8 @@ class _Control:
         new: object = value
         if kind.choices:
             none = [parameter.empty] if parameter.default is None and parameter.empty else []
-            chosen = ui.combo(
-                name,
-                parameter.empty if value is None else value,
-                (*none, *kind.choices),
-                tip,
-                width,
-            )
+            now = parameter.empty if value is None else value
+            chosen = ui.combo(name, now, (*none, *kind.choices), tip, width)
             new = None if chosen in none else chosen
         elif self.ends is not None:
             number = ui.number(name, float(value), self.ends, tip)

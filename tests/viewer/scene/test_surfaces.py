@@ -71,7 +71,7 @@ def test_overlays_and_clicks_are_on_the_surface(scale, offset, tmp_path):
         vertices = surface.mesh.vertices
         vertex = int(np.argmax(vertices @ surface.front.direction))
         point = scene.nearest("advected", vertices[vertex]).point
-        gui.session.editor.add_point("lines", point)
+        gui.session.editor.change("place a point", lines=(point,))
         structures = scene.overlays.structures
         gui.wait(lambda _: {name for _, name, _ in structures()} == {"arrows", "flow lines"})
         gui.frames(3)

@@ -48,7 +48,7 @@ def test_parts_missing_in_a_sequence_file_are_unsaved(sequence_session, tmp_path
     sequence_session.saves.record_export(sequence_session.document)
     assert sequence_session.saves.changes(sequence_session.document) == ("settings",)
     sequence_session.undo()
-    sequence_session.editor.add_point("lines", Point(0, (1.0, 0.0, 0.0)))
+    sequence_session.editor.change("place a point", lines=(Point(0, (1.0, 0.0, 0.0)),))
     assert sequence_session.saves.changes(sequence_session.document) == ("lines",)
 
 
