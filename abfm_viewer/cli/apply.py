@@ -119,29 +119,21 @@ def run(arguments: argparse.Namespace) -> int:
         write_values(out, transferred, correspondence.b.structure, columns.names, columns.times)
     elif arguments.labels:
         labels = _labels(correspondence, arguments.labels, arguments.column, side)
-        transferred = correspondence.b.on_file(
-            correspondence.transfer_labels(labels.values, by), NO_LABEL
-        )
-        write_labels(
-            out, Labels(transferred, labels.names, labels.colors), correspondence.b.structure
-        )
+        b, keys = correspondence.b, correspondence.transfer_labels(labels.values, by)
+        moved = Labels(b.on_file(keys, NO_LABEL), labels.names, labels.colors)
+        write_labels(out, moved, b.structure)
     elif arguments.points:
         places = _points(correspondence, arguments.points, int(arguments.one_based))
         write_values(out, places, names=("x", "y", "z"))
     else:
-        _transfer_texture(correspondence, arguments)
+        with task_progress(quiet=not sys.stderr.isatty()):
+            given = arguments.texture, correspondence.a, arguments.image
+            texture, alpha_mode = pictures.read_texture(*given)
+            found = abfm.registration.transfer_texture(correspondence, texture, arguments.size)
+            pictures.write_texture(out, found, alpha_mode)
         out = ", ".join(map(str, textured_files(out)))
     print(f"wrote {printable(out)}")
     return 0
-
-
-def _transfer_texture(correspondence: Correspondence, arguments: argparse.Namespace) -> None:
-    with task_progress(quiet=not sys.stderr.isatty()):
-        texture, alpha_mode = pictures.read_texture(
-            arguments.texture, correspondence.a, arguments.image
-        )
-        found = abfm.registration.transfer_texture(correspondence, texture, arguments.size)
-        pictures.write_texture(arguments.out, found, alpha_mode)
 
 
 def _check_textured(arguments: argparse.Namespace) -> None:

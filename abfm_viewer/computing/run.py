@@ -155,6 +155,10 @@ class Run(Generic[Result]):
     def resume(self) -> None:
         self._switch(RunState.PAUSED, RunState.RUNNING)
 
+    def toggle(self) -> None:
+        """Pause the run, or resume it if it is paused."""
+        self.resume() if self.paused else self.pause()
+
     def _switch(self, before: RunState, after: RunState) -> None:
         with self._lock:
             if self.state is before:

@@ -116,16 +116,8 @@ class Dialogs:
         self._recent, self._store, self._folder = {**recent}, store, Path()
         self._open: list[tuple[AnyDialog, Callable[[Any], None]]] = []
 
-    @property
-    def folder(self) -> Path:
-        """Folder in which dialogs start for kinds of files without a recent folder.
-
-        Setting it forgets the recent folders.
-        """
-        return self._folder
-
-    @folder.setter
-    def folder(self, folder: Path) -> None:
+    def start_in(self, folder: Path) -> None:
+        """Begin in a folder, and forget the recent folders."""
         self._folder, self._recent = folder, {}
 
     @property
@@ -212,11 +204,10 @@ class Dialogs:
         return [path for path in map(Path, self._recent.get(kind, ())) if path.is_dir()]
 
     def _start_folder(self, kind: FileKind) -> Path:
-        found = [*self._recent_folders(kind), *self._recent_folders("meshes")]
-        if kind == "meshes" or not found:
-            found = [*self._recent_folders(kind), self._folder]
+        kinds: tuple[FileKind, ...] = (kind, "meshes")
+        found = [folder for each in kinds for folder in self._recent_folders(each)]
         try:
-            return found[0].resolve(strict=True)
+            return [*found, self._folder][0].resolve(strict=True)
         except OSError:
             return Path.home()
 

@@ -86,19 +86,12 @@ class Palette:
             return (None,) if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False) else None
 
     def _draw_row(self, ui: Ui, entry: Entry, is_chosen: bool, moved: bool) -> bool:
+        more = f" ({entry.keys})" if entry.keys else ""
         reason = f": {entry.reason}" if entry.reason else ""
         with ui.disabled(bool(entry.reason)):
-            room = imgui.GetContentRegionAvail()[0]
-            right = imgui.GetCursorScreenPos()[0] + room
-            taken = ui.text_width(entry.keys) + ui.px(12) if entry.keys else 0.0
-            clicked, _ = ui.row(f"{entry.text}{reason}", is_chosen, room - taken)
+            clicked, _ = ui.row(f"{entry.text}{more}{reason}", is_chosen)
             if is_chosen and moved:
                 imgui.SetScrollHereY(0.5)
-            if entry.keys:
-                top = imgui.GetItemRectMin()[1]
-                ink = imgui.GetColorU32(ui.colors.muted)
-                place = right - ui.text_width(entry.keys), top
-                imgui.GetWindowDrawList().AddText(place, ink, entry.keys)
         return clicked
 
 

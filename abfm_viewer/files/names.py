@@ -6,7 +6,10 @@ from abfm.mesh.files import MESH_ENDINGS
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.contents import FRAME_ENDINGS, PROJECT, RESULT
 
-_ENDINGS = sorted((*MESH_ENDINGS, *FRAME_ENDINGS, PROJECT, RESULT), key=len, reverse=True)
+_ENDINGS = re.compile(
+    f"({'|'.join(map(re.escape, (*MESH_ENDINGS, *FRAME_ENDINGS, PROJECT, RESULT)))})$",
+    re.IGNORECASE,
+)
 _LENGTH_MAX = 80
 
 
@@ -15,12 +18,7 @@ def suggested_name(document: Document, kind: str, suffix: str) -> str:
 
     ``kind`` is a word for the content, such as "match"; if empty, the name has no such word.
     """
-    words = [_without_ending(word) for word in document.name.split()]
+    words = [_ENDINGS.sub("", word) or word for word in document.name.split()]
     stem = re.sub(r"[^\w.-]+", "-", "-".join(words)).strip("-.")[:_LENGTH_MAX]
     parts = [stem] if not kind or stem == kind or stem.endswith(f"-{kind}") else [stem, kind]
     return "-".join(filter(None, parts)) + suffix
-
-
-def _without_ending(name: str) -> str:
-    ending = next((each for each in _ENDINGS if name.lower().endswith(each)), "")
-    return name[: len(name) - len(ending)] or name

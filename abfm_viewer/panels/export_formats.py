@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import abfm
 from abfm.wording import capital
-from abfm_viewer.document.document import Document
 from abfm_viewer.document.kinds import PairDocument, SequenceDocument
 from abfm_viewer.files import outputs
 from abfm_viewer.panels.context import Context
@@ -47,7 +46,8 @@ class Format(NamedTuple):
 def formats(context: Context) -> dict[str, Format]:
     """Return the formats to which the document can be exported, by their names in the window."""
     session, exporter, document = context.session, context.exporter, context.session.document
-    kind = _kind(document)
+    kinds = {SequenceDocument: "sequence", PairDocument: "registration"}
+    kind = kinds.get(type(document), "match")
     match, found = document.result, document.complete_result
     known: Known = partial(known_values, document, session.functions.of_document(document))
 
@@ -100,9 +100,3 @@ def formats(context: Context) -> dict[str, Format]:
         save = partial(exporter.save_table, found=found, name=name)
         shown[f"Table: {name}"] = Format(f"{capital(table.help)}.", TABLES, name, save)
     return shown
-
-
-def _kind(document: Document) -> str:
-    if isinstance(document, SequenceDocument):
-        return "sequence"
-    return "registration" if isinstance(document, PairDocument) else "match"

@@ -21,7 +21,6 @@ _FLAGS = (
 _HEADS_WIDTH = 110
 _ROW_WIDTH = 240
 _PICTURE_HEIGHT_MAX = 90
-_PICTURE_NAME = "picture of a row: "
 
 
 def draw(context: Context, rows: tuple[ResultRow, ...], size: tuple[float, float]) -> None:
@@ -43,8 +42,12 @@ def draw(context: Context, rows: tuple[ResultRow, ...], size: tuple[float, float
                 imgui.TableNextRow()
                 for place, row in enumerate(rows):
                     imgui.TableSetColumnIndex(place + 1)
-                    if row.picture:
-                        _draw_picture(context, row.picture, (width, ui.px(_PICTURE_HEIGHT_MAX)))
+                    picture = _picture(row.picture) if row.picture else None
+                    name = f"picture of a row: {row.picture}"
+                    if picture and (texture := context.textures.find(name, picture)) is not None:
+                        highest = ui.px(_PICTURE_HEIGHT_MAX)
+                        times = min(width / picture.width, highest / picture.height)
+                        imgui.Image(texture, (times * picture.width, times * picture.height))
         if any(row.facts.warnings for row in rows):
             _cells(ui, "warnings", ["; ".join(row.facts.warnings) for row in rows])
     finally:
@@ -61,11 +64,3 @@ def _cells(ui: Ui, head: str, texts: list[str]) -> None:
 @cache
 def _picture(path: Path) -> Image.Image:
     return Image.open(path).convert("RGBA")
-
-
-def _draw_picture(context: Context, path: Path, largest: tuple[float, float]) -> None:
-    picture = _picture(path)
-    texture = context.textures.find(f"{_PICTURE_NAME}{path}", picture)
-    if texture is not None:
-        times = min(largest[0] / picture.width, largest[1] / picture.height)
-        imgui.Image(texture, (times * picture.width, times * picture.height))

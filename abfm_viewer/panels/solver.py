@@ -114,7 +114,7 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
         label, tip = "Resume", with_key("Resume the solver.", "pause")
     with ui.disabled(not solver.running, "No match is running."):
         if ui.button(label, tip, width=side):
-            solver.resume() if solver.paused else solver.pause()
+            solver.toggle()
         ui.same_line()
         if ui.button("Cancel", document.cancel_tip, width=-1):
             solver.cancel()

@@ -100,9 +100,8 @@ def path_through(mesh: TriangleMesh, places: FloatArray) -> SurfacePath:
 def _path_at(
     mesh: TriangleMesh, places: FloatArray, points: abfm.maps.SurfacePoints
 ) -> SurfacePath:
-    return SurfacePath(
-        places / mesh.length_scale, normals_at(mesh, points.faces, points.barycentric)
-    )
+    normals = normals_at(mesh, points.faces, points.barycentric)
+    return SurfacePath(places / mesh.length_scale, normals)
 
 
 @per_mesh

@@ -150,7 +150,7 @@ class Actions:
         text = "match from zero if the button continues, else continue from the current field"
         do = partial(self._match, otherwise=True)
         self.match_otherwise = solver(text, "match otherwise", do, while_typing=True)
-        self.pause = solver("pause or resume", "pause", self._pause)
+        self.pause = solver("pause or resume", "pause", session.solver.toggle)
         self.cancel = solver(_ESCAPE, "cancel", self._escape)
         text = "show a smoother step of the continuation, or the row above in the table"
         self.smoother = solver(text, "smoother", lambda: self._select_next(-1))
@@ -178,9 +178,8 @@ class Actions:
             axis: views(f"look from {axis}", f"look from {axis}", partial(self._look_from, axis))
             for axis in AXES
         }
-        self.wireframe = views(
-            "wireframe", "wireframe", lambda: switch("wireframe", "the wireframe")
-        )
+        do = partial(switch, "wireframe", "the wireframe")
+        self.wireframe = views("wireframe", "wireframe", do)
         self.flat = views("flat or smooth shading", "flat", lambda: switch("flat", "flat shading"))
         self.hide = views("hide the surface under the mouse", "hide", self._hide)
         do = partial(set_view, "show all surfaces", hidden=(), enlarged="")
@@ -307,10 +306,6 @@ class Actions:
 
     def _match(self, otherwise: bool = False) -> None:
         self._session.match(self._session.continues != otherwise)
-
-    def _pause(self) -> None:
-        solver = self._session.solver
-        solver.resume() if solver.paused else solver.pause()
 
     def _escape(self) -> None:
         view, notices = self._session.view, self._session.notices

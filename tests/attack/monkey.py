@@ -57,7 +57,7 @@ class Monkey(ExitStack):
         enter(patch.object(threading, "excepthook", self._note_ended))
         mesh = ellipsoid(2, 1.0, 0.7, 0.55)
         self.gui = enter(Driver(mesh, backend="openGL_mock", size=(1100, 800)))
-        self.gui.window.dialogs.folder = self.folder
+        self.gui.window.dialogs.start_in(self.folder)
         return self
 
     def _note_printed(self, *_, **__):

@@ -86,7 +86,7 @@ def endless():
 def gui(tmp_path, request):
     """Return the app on an egg with default functions; a module may define its WINDOW size."""
     with Driver(EGG, size=getattr(request.module, "WINDOW", SIZE)) as gui:
-        gui.window.dialogs.folder = tmp_path
+        gui.window.dialogs.start_in(tmp_path)
         # tests need a constant time
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         yield gui

@@ -30,7 +30,7 @@ class _Choice(NamedTuple):
     about: str  # tooltip
     titles: tuple[str, ...] = ()  # of the dialogs that open the files
     suffixes: tuple[str, ...] = MESHES  # of the files
-    can_mirror: bool = False
+    can_mirror: bool = True
 
 
 _CHOICES = {
@@ -38,45 +38,38 @@ _CHOICES = {
         "",
         "The best of the applicable maps below, judged by stretch, descriptors, functions and "
         "landmarks.",
+        can_mirror=False,
     ),
     "landmarks": _Choice(
-        "landmarks",
-        "From three or more landmarks, by distances, eigenfunctions or closest points.",
-        can_mirror=True,
+        "landmarks", "From three or more landmarks, by distances, eigenfunctions or closest points."
     ),
     "ends of limbs": _Choice(
         "extremities",
         "By the ends of limbs, matched by distances. For surfaces that are not isometric.",
-        can_mirror=True,
     ),
     "same connectivity": _Choice(
-        "connectivity", "Vertex i to vertex i, for meshes of equal faces."
+        "connectivity", "Vertex i to vertex i, for meshes of equal faces.", can_mirror=False
     ),
     "closest points": _Choice(
-        "closest", "To the closest point, after a rigid alignment of B to A.", can_mirror=True
+        "closest", "To the closest point, after a rigid alignment of B to A."
     ),
     "eigenfunctions": _Choice(
-        "spectral",
-        "By eigenfunctions and functions. For surfaces that are nearly isometric.",
-        can_mirror=True,
+        "spectral", "By eigenfunctions and functions. For surfaces that are nearly isometric."
     ),
     "spheres": _Choice(
         "sphere",
         "For surfaces that are spheres. The sphere of A is rotated to match the functions.",
-        can_mirror=True,
     ),
     "computed spheres": _Choice(
         "embedding",
         "By spheres computed from surfaces without handles. The sphere of A is rotated to match "
         "the functions.",
-        can_mirror=True,
     ),
     "spheres from files...": _Choice(
         "sphere",
         "By spheres with the vertices of the surfaces. The sphere of A is rotated to match the "
         "functions.",
         ("Open the sphere of A", "Open the sphere of B"),
-        can_mirror=True,
     ),
     "map from a file...": _Choice(
         _FILE,
@@ -84,10 +77,13 @@ _CHOICES = {
         "weights.",
         ("Open a map from B to A",),
         (*VALUES_ENDINGS, ".map"),
+        can_mirror=False,
     ),
 }
 """Kinds of initial maps, by their labels in the drop-down list."""
-_OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map in the registration file.")}
+_OPENED_CHOICE = {
+    "as opened": _Choice(GIVEN_WORD, "The map in the registration file.", can_mirror=False)
+}
 
 
 def draw(context: Context) -> None:
@@ -100,7 +96,7 @@ def draw(context: Context) -> None:
         if choice.word == word and bool(choice.titles) == bool(files)
     )
     now = next(fitting, document.initial)  # a project may have another word
-    choices.setdefault(now, _Choice(document.initial, ""))
+    choices.setdefault(now, _Choice(document.initial, "", can_mirror=False))
     current = choices[now]
     names = ", ".join(Path(file).name for file in files)
     if not word:

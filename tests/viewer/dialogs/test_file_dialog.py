@@ -270,5 +270,5 @@ def test_folders_are_remembered_by_the_kind_of_file(tmp_path):
     again = Dialogs(stored)
     again._remember("meshes", tmp_path)
     assert again._recent_folders("meshes") == [tmp_path, tmp_path / "meshes"]
-    dialogs.folder = tmp_path
+    dialogs.start_in(tmp_path)
     assert dialogs._start_folder("results") == tmp_path

@@ -22,7 +22,7 @@ from tests.viewer.sessions import ENDLESS
 mesh, state = map(Path, sys.argv[1:])
 recovery.Autosave = partial(recovery.Autosave, seconds=0.5)
 with Driver(mesh, size=(640, 480), state=state) as gui:
-    gui.window.dialogs.folder = mesh.parent
+    gui.window.dialogs.start_in(mesh.parent)
     gui.wait(lambda session: not session.obstacle)
     gui.session.editor.amend(parameters=ENDLESS)
     gui.key("ctrl+s")

@@ -31,7 +31,7 @@ def opened(files):
 def gui(tmp_path):
     files = [off_file(tmp_path / f"{n}.off", mesh) for n, mesh in (("egg", EGG), ("ball", BALL))]
     with opened(tuple(files)) as gui:
-        gui.window.dialogs.folder = tmp_path
+        gui.window.dialogs.start_in(tmp_path)
         yield gui
 
 

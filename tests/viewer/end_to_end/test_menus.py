@@ -108,7 +108,7 @@ def walk_through_folders(gui, tmp_path, sphere_file):
 
 def use_the_list_of_files(gui, tmp_path, sphere_file):
     """Search, sort and choose files by keys, and come back to a recent folder."""
-    gui.window.dialogs.folder = tmp_path
+    gui.window.dialogs.start_in(tmp_path)
     (tmp_path / "empty").mkdir()
     off_file(tmp_path / ".hidden.off", icosphere(1))
     (tmp_path / "a small.abfm").write_bytes(b"PK")
@@ -187,7 +187,7 @@ def is_project(path):
 
 def save_and_open_a_project(gui, tmp_path):
     session, editor = gui.session, gui.session.editor
-    gui.window.dialogs.folder = tmp_path
+    gui.window.dialogs.start_in(tmp_path)
     match(gui)
     path = tmp_path / "first.abfm"
     path.write_text("precious")

@@ -35,7 +35,7 @@ def files(tmp_path):
 def gui(files):
     """Open the app with an egg that is registered to a ball, seen without motion."""
     with Driver((files["egg"], files["ball"]), size=(SIZE[0], 600)) as gui:
-        gui.window.dialogs.folder = files["egg"].parent
+        gui.window.dialogs.start_in(files["egg"].parent)
         view = replace(gui.session.view, flow_after_match=False)
         gui.session.editor.amend(view=view, parameters=SHORT)
         gui.wait(lambda s: not s.obstacle)

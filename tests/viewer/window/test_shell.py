@@ -36,7 +36,7 @@ def launched(state):
 @pytest.fixture
 def gui(state, launched):
     with launched(icosphere(2)) as gui:
-        gui.window.dialogs.folder = state.path.parent
+        gui.window.dialogs.start_in(state.path.parent)
         yield gui
 
 
