@@ -19,14 +19,7 @@ from abfm.batch.cluster import ConnectionLostError
 from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN
 from abfm.batch.table import known_columns
 from abfm.display import BEST_VIEW, ViewSpec
-from abfm.errors import (
-    ColumnError,
-    ParameterError,
-    brief,
-    did_you_mean,
-    one_line,
-    printable,
-)
+from abfm.errors import ColumnError, ParameterError, brief, did_you_mean, one_line, printable
 from abfm.io import write_atomically, write_csv
 from abfm.matching.task import MatchTask
 from abfm.mesh import load_mesh

@@ -16,12 +16,7 @@ from abfm_viewer.files import outputs
 
 _WORKERS = ("jobs", "scheduler", "scheduler_file")
 _TRIALS = ("meshes", "only_given", "problems", "seed", "out", *_WORKERS)
-_OPTIONS = {
-    "viewer": (),
-    "success": ("solvable", *_TRIALS),
-    "measured": _TRIALS,
-    "arrival": (),
-}
+_OPTIONS = {"viewer": (), "success": ("solvable", *_TRIALS), "measured": _TRIALS, "arrival": ()}
 """Options of each benchmark besides --json and --quiet."""
 
 SUMMARY = "benchmark the solver, its success rate, map errors and the window"

@@ -24,11 +24,7 @@ def draw_help(context: Context, *topics: str, name: str = "", after_heading: boo
 
 
 def note_with_help(
-    context: Context,
-    text: str,
-    tone: TextTone,
-    topics: Sequence[str],
-    name: str = OUTCOME,
+    context: Context, text: str, tone: TextTone, topics: Sequence[str], name: str = OUTCOME
 ) -> None:
     """Write text that wraps at the panel's edge, and then a button that explains topics."""
     context.ui.note(text, tone, context.ui.room_before_help)

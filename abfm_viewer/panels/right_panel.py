@@ -13,14 +13,7 @@ from abfm_viewer.document.kinds import (
     SequenceDocument,
     SubjectDocument,
 )
-from abfm_viewer.panels import (
-    energy,
-    export,
-    intervals,
-    look,
-    parameters,
-    solver,
-)
+from abfm_viewer.panels import energy, export, intervals, look, parameters, solver
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.inputs import frames, functions, initial_map, landmarks
 from abfm_viewer.widgets.containers import child, tabs, window
@@ -39,10 +32,7 @@ class Panels(NamedTuple):
 
 
 def _tabs(
-    functions: Draws,
-    match: Draws,
-    links: Draws | None = None,
-    tracks: Draws | None = None,
+    functions: Draws, match: Draws, links: Draws | None = None, tracks: Draws | None = None
 ) -> Tabs:
     shown: dict[str, Draw] = {
         "coloring": look.draw_coloring,

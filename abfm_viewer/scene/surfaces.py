@@ -8,12 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.pages.colormaps import (
-    CHECKER_COLORS,
-    DARK_CHECKER_COLORS,
-    colors_of,
-    polyscope_name,
-)
+from abfm.pages.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, colors_of, polyscope_name
 from abfm.pages.creases import drawn_mesh
 from abfm.pages.front import Front, Triple, triple
 from abfm.types import FloatArray

@@ -11,14 +11,7 @@ import numpy as np
 
 import abfm
 from abfm import FunctionError, Parameters
-from abfm_viewer.document.document import (
-    EXTRAPOLATION,
-    Channel,
-    Document,
-    Landmark,
-    Point,
-    Side,
-)
+from abfm_viewer.document.document import EXTRAPOLATION, Channel, Document, Landmark, Point, Side
 from abfm_viewer.document.kinds import MatchDocument, SequenceDocument
 
 UNDO_STEPS_MAX = 200

@@ -14,15 +14,7 @@ from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import progress_text
 from abfm_viewer.computing.matching import Snapshot
-from abfm_viewer.document.document import (
-    SIDES,
-    Channel,
-    Document,
-    Identity,
-    Point,
-    Side,
-    Surface,
-)
+from abfm_viewer.document.document import SIDES, Channel, Document, Identity, Point, Side, Surface
 from abfm_viewer.document.kinds import (
     MatchDocument,
     PairDocument,

@@ -15,12 +15,7 @@ from numpy.typing import NDArray
 import abfm
 from abfm import TriangleMesh
 from abfm.pages.color_ranges import Quantity, color_range
-from abfm.pages.colormaps import (
-    NO_VALUES,
-    ColorRange,
-    for_background,
-    place_colors,
-)
+from abfm.pages.colormaps import NO_VALUES, ColorRange, for_background, place_colors
 from abfm.pages.front import Front
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo

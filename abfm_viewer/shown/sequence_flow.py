@@ -21,13 +21,7 @@ from abfm_viewer.session.session import Session
 from abfm_viewer.shown import quantities
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.in_between import InBetween
-from abfm_viewer.shown.quantities import (
-    Field,
-    FieldQuantities,
-    Streaks,
-    convolved,
-    field_part,
-)
+from abfm_viewer.shown.quantities import Field, FieldQuantities, Streaks, convolved, field_part
 from abfm_viewer.shown.shown_flow import ShownFlow
 
 _STREAKS_BYTES_MAX = 300_000_000  # largest size of all cached streaks

@@ -63,10 +63,7 @@ def plot(ui: Ui, label: str) -> Iterator[bool]:
 
 
 def set_up(
-    title: str,
-    ends: tuple[float, float],
-    shares: Sequence[FloatArray],
-    has_sections: bool = False,
+    title: str, ends: tuple[float, float], shares: Sequence[FloatArray], has_sections: bool = False
 ) -> None:
     """Set up a horizontal axis with limits, and a logarithmic axis for residuals in percent.
 

@@ -117,10 +117,7 @@ def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {
-        "Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS,
-        "Figures of the paper": figures,
-    }
+    parts = {"Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS, "Figures of the paper": figures}
     headings = len(parts) * (line + spacing[1])
     available = _HEIGHT_SHARE_MAX * display[1] - headings
     columns, height = _COLUMNS_MIN - 1, 0.0
@@ -150,11 +147,7 @@ def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
 
 
 def _is_chosen(
-    ui: Ui,
-    sample: tuple[str, str],
-    loaded: bool,
-    size: tuple[float, float],
-    textures: Textures,
+    ui: Ui, sample: tuple[str, str], loaded: bool, size: tuple[float, float], textures: Textures
 ) -> bool:
     (name, description), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
