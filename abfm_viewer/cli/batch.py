@@ -40,15 +40,8 @@ from abfm_viewer.cli.exit_status import (
 )
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.files import outputs
-from abfm_viewer.reports.batches import (
-    ROWS_SHOWN_MAX,
-    Best,
-    SummaryRow,
-    batch_page,
-    best_of,
-    counts,
-    worst,
-)
+from abfm_viewer.reports import batches
+from abfm_viewer.reports.batches import ROWS_SHOWN_MAX
 
 SUMMARY = "solve a table of problems on all cores or a cluster, and resume it later"
 ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
@@ -268,7 +261,7 @@ def solved(
             [rows[number] for number in remaining],
             ledger.folder,
             cluster,
-            on_change=lambda entry: report(_line(SummaryRow(entry, entry.facts))),
+            on_change=lambda entry: report(_line(batches.SummaryRow(entry, entry.facts))),
             control=control,
         )
     for number, entry in zip(remaining, solved_entries, strict=True):
@@ -288,11 +281,11 @@ def _report(
     ``seconds`` is the duration of the run; None if nothing was solved. ``status`` is the exit
     status after a signal; no pictures are drawn then.
     """
-    rows, folder = list[SummaryRow](), Path(arguments.out)
+    rows, folder = list[batches.SummaryRow](), Path(arguments.out)
     with row_progress(0, arguments.quiet, "reading") as report:
         for number, entry in enumerate(entries, 1):
             report(f"row {number} of {len(entries)}")
-            rows.append(SummaryRow(entry, entry.facts))
+            rows.append(batches.SummaryRow(entry, entry.facts))
     draws = status is None and not arguments.no_pictures
     try:
         with row_progress(0, arguments.quiet or not draws, "drawing") as report:
@@ -306,11 +299,11 @@ def _report(
         written, no_pictures = [], ""
     if no_pictures:
         print_note(f"the summary has no pictures: {no_pictures}")
-    best = best_of(rows)
+    best = batches.best_of(rows)
     if arguments.json:
         head = {
             "out": str(folder),
-            "counts": counts(rows),
+            "counts": batches.counts(rows),
             "seconds": seconds,
             "best": None if best is None else best.to_dict(),
             "summary": list(map(str, written)),
@@ -321,7 +314,7 @@ def _report(
     return _status(rows) if status is None else status
 
 
-def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
+def _print_json(head: dict[str, Any], rows: Sequence[batches.SummaryRow]) -> None:
     """Print one JSON object with the head and the rows; the rows are converted one by one."""
     print(json.dumps(head)[:-1], end=', "rows": [')
     for number, row in enumerate(rows):
@@ -329,14 +322,14 @@ def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
     print("]}")
 
 
-def _status(rows: Sequence[SummaryRow]) -> int:
-    outcomes = counts(rows).keys()
+def _status(rows: Sequence[batches.SummaryRow]) -> int:
+    outcomes = batches.counts(rows).keys()
     if outcomes & {Outcome.FAILED, Outcome.MISSING}:
         return FAILED_STATUS
     return 0 if all(outcome.is_good for outcome in outcomes) else UNMATCHED_STATUS
 
 
-def _line(row: SummaryRow) -> str:
+def _line(row: batches.SummaryRow) -> str:
     """Return a line: ``sub-01: matched (residual 2.1%), in 1.2 s``, or the reason for a failure."""
     name, facts = one_line(row.name, 80), row.facts
     if not row.is_known:
@@ -345,9 +338,12 @@ def _line(row: SummaryRow) -> str:
 
 
 def _lines(
-    rows: Sequence[SummaryRow], best: Best | None, written: Sequence[Path], seconds: float | None
+    rows: Sequence[batches.SummaryRow],
+    best: batches.Best | None,
+    written: Sequence[Path],
+    seconds: float | None,
 ) -> list[str]:
-    found = counts(rows)
+    found = batches.counts(rows)
     words = ", ".join(
         f"{count} {'not finished' if outcome is Outcome.MISSING else outcome}"
         for outcome, count in found.items()
@@ -366,7 +362,7 @@ def _lines(
     return lines
 
 
-def _unsolved_lines(rows: Sequence[SummaryRow]) -> list[str]:
+def _unsolved_lines(rows: Sequence[batches.SummaryRow]) -> list[str]:
     lines = []
     for outcome in (Outcome.NOT_REACHED, Outcome.IMPOSSIBLE, Outcome.MISSING):
         names = [one_line(row.name, 80) for row in rows if row.facts.outcome is outcome]
@@ -391,7 +387,7 @@ def _resume_advice(was_run: bool) -> str:
 def write_summary(
     folder: Path,
     title: str,
-    rows: Sequence[SummaryRow],
+    rows: Sequence[batches.SummaryRow],
     report: Callable[[str], object] | None = None,
     view: ViewSpec = BEST_VIEW,
 ) -> tuple[list[Path], str]:
@@ -403,16 +399,16 @@ def write_summary(
     """
     table, shown_page = folder / "summary.csv", folder / "summary.html"
     _write_table(table, rows)
-    shown = [row.entry for row in worst(rows) if row.is_known]
+    shown = [row.entry for row in batches.worst(rows) if row.is_known]
     ending = "" if view == BEST_VIEW else f"-{view.name}-{view.up}"
     files = {entry.digest: folder / "pictures" / f"{entry.digest}{ending}.png" for entry in shown}
     reason = _draw(shown, files, report, view) if report else ""
     small = {digest: path.read_bytes() for digest, path in files.items() if path.is_file()}
-    outputs.write_text(shown_page, batch_page(title, rows, small, reason))
+    outputs.write_text(shown_page, batches.batch_page(title, rows, small, reason))
     return [table, shown_page], reason
 
 
-def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
+def _write_table(path: Path, rows: Sequence[batches.SummaryRow]) -> None:
     repeats: Counter[str] = Counter()
     for row in rows:
         repeats |= Counter(column for column, _ in row.entry.row.options)
@@ -421,7 +417,7 @@ def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
     write_csv(path, [[*own, *columns], *(_cells(row, own, columns) for row in rows)])
 
 
-def _cells(row: SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[object]:
+def _cells(row: batches.SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[object]:
     given = defaultdict[str, list[str]](list)
     for column, text in reversed(row.entry.row.options):
         given[column].append(text)

@@ -11,16 +11,10 @@ from abfm_viewer.files.preferences import PreferenceFile, with_stored
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.scene.textures import Textures
+from abfm_viewer.session import session_files
 from abfm_viewer.session.saving.export_settings import ExportSettings
 from abfm_viewer.session.saving.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import (
-    OTHER_FRAMES,
-    OTHER_MESH,
-    OTHER_SECOND,
-    OTHER_TABLE,
-    SessionFiles,
-)
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -43,10 +37,12 @@ class Context:
         self.list_copies: Callable[[], None] | None = None
         self.exporter = Exporter(session.notices.show)
         self.exporter.settings = with_stored(ExportSettings(), self.preferences.now.export)
-        self.files = SessionFiles(session, state, self.dialogs.question)
-        self.files.file_actions |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
-        self.files.file_actions[OTHER_FRAMES] = self.open_frames
-        self.files.file_actions[OTHER_TABLE] = self.open_table
+        self.files = session_files.SessionFiles(session, state, self.dialogs.question)
+        actions = self.files.file_actions
+        actions[session_files.OTHER_MESH] = self.open_mesh
+        actions[session_files.OTHER_SECOND] = self.open_second
+        actions[session_files.OTHER_FRAMES] = self.open_frames
+        actions[session_files.OTHER_TABLE] = self.open_table
 
     def document(self, kind: type[Kind]) -> Kind:
         """Return the current document, which must be of the given kind."""

@@ -6,13 +6,8 @@ from typing import NamedTuple
 
 import polyscope.imgui as imgui
 
+from abfm_viewer.document import kinds
 from abfm_viewer.document.document import Document
-from abfm_viewer.document.kinds import (
-    MatchDocument,
-    PairDocument,
-    SequenceDocument,
-    SubjectDocument,
-)
 from abfm_viewer.panels import energy, export, intervals, look, parameters, solver
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.inputs import frames, functions, initial_map, landmarks
@@ -65,10 +60,10 @@ _SEQUENCE_TABS = _tabs(
     tracks={"tracks": look.draw_tracks},
 )
 PANELS: dict[type[Document], Panels] = {
-    MatchDocument: Panels(solver.draw_match, TABS),
-    SubjectDocument: Panels(solver.draw_subject, TABS),
-    PairDocument: Panels(solver.draw_match, _PAIR_TABS),
-    SequenceDocument: Panels(solver.draw_sequence, _SEQUENCE_TABS),
+    kinds.MatchDocument: Panels(solver.draw_match, TABS),
+    kinds.SubjectDocument: Panels(solver.draw_subject, TABS),
+    kinds.PairDocument: Panels(solver.draw_match, _PAIR_TABS),
+    kinds.SequenceDocument: Panels(solver.draw_sequence, _SEQUENCE_TABS),
 }
 """State and tabs that the column shows, by the kind of the current document."""
 # height of a tab at scale 1; if a long verdict leaves less, the complete column scrolls

@@ -14,16 +14,10 @@ from abfm.display import BEST_VIEW, ViewSpec
 from abfm.io.sheets import Checker, Panel
 from abfm.maps import Distortion
 from abfm.matching import PathStep
+from abfm.pages import registration_views
 from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import Front
-from abfm.pages.registration_views import (
-    CHANNELS_MAX,
-    common_colors,
-    fronts,
-    functions_on_a,
-    mask_indicator,
-)
 from abfm.types import FloatArray
 from abfm_viewer.pictures.plots import histogram_picture, path_picture
 from abfm_viewer.pictures.rows import Row, draw_rows, panels_of
@@ -56,7 +50,7 @@ def registration_pictures(
     the next picture and the completed share, 0 to 1. Raises `DrawingError` if the machine cannot
     draw.
     """
-    front_of_a, front_of_b = fronts(found, view)
+    front_of_a, front_of_b = registration_views.fronts(found, view)
     front_of = {found.a: front_of_a, found.b: front_of_b}
     functions = _functions(found) if isinstance(found, Registration) else []
     planned = [*functions, _map(found, distortion, front_of[found.a])]
@@ -75,10 +69,10 @@ def _functions(found: Registration) -> list[Row]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
-    counted, is_one_surface = mask_indicator(match), found.a is found.b
+    counted, is_one_surface = registration_views.mask_indicator(match), found.a is found.b
     channels = zip(
-        range(CHANNELS_MAX),
-        functions_on_a(found).T,
+        range(registration_views.CHANNELS_MAX),
+        registration_views.functions_on_a(found).T,
         match.source.T,
         match.advected.T,
         match.target.T,
@@ -87,7 +81,7 @@ def _functions(found: Registration) -> list[Row]:
     names = ("source", "advected", "target") if is_one_surface else _ON_B
     for c, on_a, *on_b in channels:
         bar, difference = f"function {c + 1}", f"difference {c + 1}"
-        colors = common_colors(match, c)
+        colors = registration_views.common_colors(match, c)
         half = (colors.high - colors.low) / 2
         _, after, target = on_b
         panels = (

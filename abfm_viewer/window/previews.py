@@ -18,14 +18,7 @@ from abfm_viewer.computing.background import Latest
 from abfm_viewer.dialogs.file_dialog import Preview
 from abfm_viewer.document.document import SIDES, Document
 from abfm_viewer.document.kinds import SequenceDocument
-from abfm_viewer.files.contents import (
-    MESHES,
-    PROJECT,
-    RESULT,
-    Contents,
-    contents_of,
-    is_named_as_frames,
-)
+from abfm_viewer.files import contents
 from abfm_viewer.files.project import load_project
 from abfm_viewer.pictures.thumbnails import View, thumbnail
 from abfm_viewer.scene.textures import Textures
@@ -50,8 +43,8 @@ class Previews:
 
     def find(self, path: Path) -> Preview | None:
         """Return the preview of a file; None for a folder or a file of another kind."""
-        is_known = path.name.lower().endswith((*MESHES, PROJECT, RESULT))
-        if not is_known or is_named_as_frames(path):
+        is_known = path.name.lower().endswith((*contents.MESHES, contents.PROJECT, contents.RESULT))
+        if not is_known or contents.is_named_as_frames(path):
             return None
         found = self._job.request(path, partial(read_preview, path))
         picture, lines = found or (None, (self._job.error or "reading ...",))
@@ -79,10 +72,10 @@ def read_preview(path: Path) -> FilePreview:
 
 
 def _views_of(path: Path) -> tuple[list[View], tuple[str, ...]]:
-    if path.name.lower().endswith(PROJECT):
+    if path.name.lower().endswith(contents.PROJECT):
         document, _ = load_project(path)
         return views_of_document(document), (document.name, *_sizes(document.surface().mesh))
-    if contents_of(path) is not Contents.DOCUMENT:
+    if contents.contents_of(path) is not contents.Contents.DOCUMENT:
         mesh = abfm.load_mesh(path)
         return [(mesh, None)], _sizes(mesh)
     task = abfm.loading.task_of_file(path)

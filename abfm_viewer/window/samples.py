@@ -16,19 +16,8 @@ from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm.wording import capital
+from abfm_viewer.appearance import samples as bundled
 from abfm_viewer.appearance.abbreviation import abbreviated
-from abfm_viewer.appearance.samples import (
-    CORTEX,
-    MESHES,
-    PAIRS,
-    PICTURE_SOURCES,
-    PICTURES,
-    POPULATIONS,
-    SEQUENCES,
-    WAVE,
-    thumbnail_corners,
-    vertices,
-)
 from abfm_viewer.document.document import Channel, Surface, View
 from abfm_viewer.document.kinds import MatchDocument, PairDocument
 from abfm_viewer.scene.textures import Textures
@@ -75,7 +64,7 @@ def figure_document(figure: int, view: View) -> tuple[MatchDocument, dict[str, F
 
 def pair_document(name: str, view: View) -> tuple[PairDocument, dict[str, FloatArray]]:
     """Return a document of two bundled meshes, named ``A to B``, with a function on each."""
-    if name == CORTEX:
+    if name == bundled.CORTEX:
         return cortex_document(view)
     a, b = name.split(" to ")
     surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
@@ -109,7 +98,7 @@ def _population(folder: Path) -> Path:
 
 @cache
 def _pictures() -> Image.Image:
-    return Image.open(PICTURES)
+    return Image.open(bundled.PICTURES)
 
 
 def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
@@ -117,7 +106,8 @@ def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {"Meshes": MESHES | PAIRS | SEQUENCES | POPULATIONS, "Figures of the paper": figures}
+    meshes = bundled.MESHES | bundled.PAIRS | bundled.SEQUENCES | bundled.POPULATIONS
+    parts = {"Meshes": meshes, "Figures of the paper": figures}
     headings = len(parts) * (line + spacing[1])
     available = _HEIGHT_SHARE_MAX * display[1] - headings
     columns, height = _COLUMNS_MIN - 1, 0.0
@@ -134,13 +124,13 @@ def draw(ui: Ui, files: SessionFiles, textures: Textures) -> None:
                 ui.same_line()
             if not _is_chosen(ui, (name, description), files.sample == name, size, textures):
                 continue
-            if name in MESHES:
+            if name in bundled.MESHES:
                 files.open(asset_path(name))
-            elif name == WAVE:
+            elif name == bundled.WAVE:
                 files.open_made(name.lower(), lambda view: (wave_document(view.preferences), {}))
-            elif name in POPULATIONS:
+            elif name in bundled.POPULATIONS:
                 files.open_made_table(name, _population)
-            elif name in PAIRS:
+            elif name in bundled.PAIRS:
                 files.open_made(name, partial(pair_document, name))
             else:
                 files.open_made(name.lower(), partial(figure_document, int(name.split()[1])))
@@ -154,13 +144,14 @@ def _is_chosen(
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     is_wanted = ui.record_item(name, "item", text="checked" if loaded else "")
     # a sample of two surfaces has the thumbnail of B
-    pictured = PICTURE_SOURCES.get(name) or (name if name in vertices() else name.split(" to ")[-1])
-    size_text = f", {vertices()[name]:,} vertices" if pictured == name else ""
+    pictured = name if name in bundled.vertices() else name.split(" to ")[-1]
+    pictured = bundled.PICTURE_SOURCES.get(name, pictured)
+    size_text = f", {bundled.vertices()[name]:,} vertices" if pictured == name else ""
     title = f"{name}{size_text}{', loaded' if loaded else ''}"
     ui.tip(f"{title}: {description}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
     if (texture := textures.find(_PICTURES, _pictures())) is not None:
-        first, second = thumbnail_corners(pictured)
+        first, second = bundled.thumbnail_corners(pictured)
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
     available = left + size[0] - x
