@@ -108,7 +108,13 @@ def _report(
 ) -> int:
     out = arguments.out
     if accuracy is not None:
-        facts["accuracy"] = _accuracy_facts(accuracy)
+        bounds = {f"{bound:g}": float(accuracy.share_under(bound)) for bound in ERROR_BOUNDS}
+        facts["accuracy"] = {
+            "vertices": len(accuracy.vertices),
+            **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
+            "share_under": bounds,
+            "report": accuracy.report(),
+        }
     if out is not None:
         lines.append(f"wrote {printable(out)}")
     facts["output"] = None if out is None else str(out)
@@ -143,15 +149,6 @@ def _true_vertices(correspondence: Correspondence, path: str) -> IntArray:
             f"{path} has pairs of points; expected a vertex of A for each vertex of B"
         )
     return found.nearest_vertices()
-
-
-def _accuracy_facts(accuracy: MapAccuracy) -> dict[str, Any]:
-    return {
-        "vertices": len(accuracy.vertices),
-        **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
-        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in ERROR_BOUNDS},
-        "report": accuracy.report(),
-    }
 
 
 def _table(

@@ -133,7 +133,9 @@ def run(arguments: argparse.Namespace) -> int:
     warn_if_recomputed(arguments.input, document)
     size = ""
     if out.suffix == _PAGE:
-        _write_page(arguments, document)
+        if document.result is None:
+            raise ParameterError(f"{arguments.input} has no result, which a page needs")
+        outputs.write(out, document.complete_result, view_of(arguments))
     elif out.suffix in _MOVIES:
         size = _write_movie(arguments, _chosen(arguments, document), known)
     else:
@@ -168,12 +170,6 @@ def _check_movie(arguments: argparse.Namespace) -> None:
         raise UsageError(
             f"--fps {fps:g} is out of range for {suffix} files; expected {slowest:g} to {fastest:g}"
         )
-
-
-def _write_page(arguments: argparse.Namespace, document: Document) -> None:
-    if document.result is None:
-        raise ParameterError(f"{arguments.input} has no result, which a page needs")
-    outputs.write(arguments.out, document.complete_result, view_of(arguments))
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:

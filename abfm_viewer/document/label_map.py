@@ -15,6 +15,7 @@ from abfm.pages.front import Triple, triple
 from abfm.reading.labels import Labels
 from abfm.types import FloatArray, IntArray
 
+_GREY = (0.75, 0.75, 0.75)
 _GOLDEN_RATIO = 0.6180339887498949  # multiples of it, modulo 1, are distinct hues
 
 
@@ -40,11 +41,9 @@ class LabelMap:
         names = tuple(labels.names.get(key, "") for key in keys)
         colors = []
         for number, (key, name) in enumerate(zip(keys, names, strict=True)):
-            given = labels.colors.get(key)
             made = colorsys.hsv_to_rgb(number * _GOLDEN_RATIO % 1, 0.55, 0.85)
-            grey = (0.75, 0.75, 0.75)
-            is_unnamed = bool(labels.names) and not name
-            colors.append(triple(np.array(given[:3] if given else grey if is_unnamed else made)))
+            made = _GREY if labels.names and not name else made
+            colors.append(triple(np.array(labels.colors.get(key, made)[:3])))
         return cls(file, tuple(keys), names, tuple(colors), values)
 
     def linear_colors(self, values: IntArray) -> FloatArray:

@@ -156,14 +156,11 @@ def draw_clicks(context: Context) -> None:
         tools.pop("landmark")
     tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
-    ui.same_line_if_fits("Clear lines", is_button=True)
-    with ui.disabled(not document.lines, "There are no flow lines."):
-        if ui.button("Clear lines", "Remove all flow lines."):
-            editor.change("clear lines", lines=())
-    ui.same_line_if_fits("Clear points", is_button=True)
-    with ui.disabled(not document.points, "There are no followed points."):
-        if ui.button("Clear points", "Remove all followed points."):
-            editor.change("clear points", points=())
+    for name, what in (("lines", "flow lines"), ("points", "followed points")):
+        ui.same_line_if_fits(f"Clear {name}", is_button=True)
+        with ui.disabled(not getattr(document, name), f"There are no {what}."):
+            if ui.button(f"Clear {name}", f"Remove all {what}."):
+                editor.change(f"clear {name}", "", **{name: ()})
 
 
 def draw_compare(context: Context) -> None:

@@ -172,10 +172,8 @@ def _control(ui: Ui, session: Session, name: str) -> None:
         chosen = ui.combo(label, AUTO if value is None else str(value), _CHOICES[name], tip)
         new = int(chosen) if chosen.isdecimal() else chosen
         ui.refusal(name)
-    elif name in _AUTO:
-        new = ui.number_or_auto(label, value, ends, tip, _AUTO[name])
     else:
-        new = ui.number(label, value, ends, tip)
+        new = ui.number_or_auto(label, value, ends, tip, _AUTO.get(name))
     if has_integers and isinstance(new, float) and new.is_integer():
         new = int(new)
     if new is None or new == (AUTO if value is None else value):

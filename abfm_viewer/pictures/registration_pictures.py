@@ -13,7 +13,6 @@ from abfm import Correspondence, Match, Registration
 from abfm.display import BEST_VIEW, ViewSpec
 from abfm.io.sheets import Checker, Panel
 from abfm.maps import Distortion
-from abfm.matching import PathStep
 from abfm.pages import registration_views
 from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange
@@ -134,15 +133,12 @@ def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.
 
 def _path(match: Match, width: int) -> Image.Image | None:
     area_change = np.array([step.log2_area for step in match.path])
-    residuals = np.array([_residual(step) for step in match.path])
+    # along flow lines, or else by the discrete flow
+    both = np.array([(step.verified_residual, step.residual) for step in match.path])
+    residuals = np.where(np.isnan(both[:, 0]), both[:, 1], both[:, 0])
     if np.isfinite(area_change).sum() < 2 or math.isnan(area_change[match.step]):
         return None
     return path_picture(area_change, residuals, match.step, _plot_size(width))
-
-
-def _residual(step: PathStep) -> float:
-    """Return the residual of a step along flow lines, or else its residual by the discrete flow."""
-    return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
 
 def _plot_size(width: int) -> tuple[int, int]:

@@ -169,7 +169,10 @@ def batch_page(
     return render(
         "batch.html",
         batch=title,
-        sizes=[_counted(count, kind) for kind, count in kinds.items()],
+        sizes=[
+            f"{count:,} {kind}{('es' if kind.endswith('ch') else 's') * (count > 1)}"
+            for kind, count in kinds.items()
+        ],
         counts=counts(rows),
         no_pictures=no_pictures,
         shared=_shared(rows),
@@ -182,10 +185,6 @@ def batch_page(
         pictures=pictures,
         facts={"title": title, "count": len(rows), "rows": list(map(_facts, shown))},
     )
-
-
-def _counted(number: int, kind: str) -> str:
-    return f"{number:,} {kind}{'es' if kind.endswith('ch') else 's'}" if number > 1 else f"1 {kind}"
 
 
 def _facts(row: SummaryRow) -> dict[str, object]:

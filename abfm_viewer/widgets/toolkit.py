@@ -440,12 +440,15 @@ class Ui:
         return self._understood(name or text, new)
 
     def number_or_auto(
-        self, label: str, value: float | None, ends: Range, tip: str, auto: Auto
+        self, label: str, value: float | None, ends: Range, tip: str, auto: Auto | None
     ) -> float | str | None:
         """Draw a slider with a text box, and a checkbox for an automatic choice (value None).
 
         Return a new value, `AUTO` if the user ticked the checkbox, or None if nothing changed.
+        Without ``auto``, there is no checkbox.
         """
+        if auto is None:
+            return self.number(label, value or 0.0, ends, tip)
         text, name = _text_and_name(label)
         width, caption = self._placed(text)
         left, is_auto = imgui.GetCursorPosX(), value is None

@@ -78,18 +78,17 @@ class RecoveryList:
         size = tuple(map(ui.px, PICTURE_SIZE))
         if (texture := self._textures.find(f"copy {number}", copy.picture)) is not None:
             imgui.Image(texture, size)
-        line = imgui.GetTextLineHeightWithSpacing()
         buttons = 2 * ui.px(_BUTTON_WIDTH) + imgui.GetStyle().ItemSpacing[0]
         edge = left + float(imgui.GetContentRegionAvail()[0])
         x = left + size[0] + ui.px(12)
         room = edge - buttons - ui.px(12) - x
-        rows = [(copy.name, "ink"), (f"last change at {copy.time}", "muted")]
-        for index, (text, tone) in enumerate(rows):
-            imgui.SetCursorPos((x, top + ui.px(8) + index * line))
-            ui.line(text, "ink" if tone == "ink" else "muted", room=room)
+        imgui.SetCursorPos((x, top + ui.px(8)))
+        imgui.BeginGroup()
+        ui.line(copy.name, "ink", room=room)
+        ui.line(f"last change at {copy.time}", room=room)
         if copy.note:
-            imgui.SetCursorPos((x, top + ui.px(8) + 2 * line))
             ui.note(copy.note, "warning", room)
+        imgui.EndGroup()
         imgui.SetCursorPos((edge - buttons, top + ui.px(8)))
         width = ui.px(_BUTTON_WIDTH)
         is_only = len(self._copies) == 1

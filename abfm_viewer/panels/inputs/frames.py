@@ -126,10 +126,7 @@ def draw_settings(context: Context) -> None:
         ("coupling γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
     ):
         value = getattr(settings, name)
-        if name in _AUTO:
-            new = ui.number_or_auto(label, value, ends, tip, _AUTO[name])
-        else:
-            new = ui.number(label, value, ends, tip)
+        new = ui.number_or_auto(label, value, ends, tip, _AUTO.get(name))
         if new is not None and new != (AUTO if value is None else value):
             with ui.refusals.refusing(name, label.partition("##")[0]):
                 given = {name: None if new == AUTO else new}

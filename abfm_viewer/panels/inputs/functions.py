@@ -214,9 +214,10 @@ def _unwrapped(tree: functions.Spec) -> tuple[list[functions.Wrapper], functions
     return wrappers, tree
 
 
-def _wrapped(wrappers: Sequence[functions.Wrapper], inner: functions.Spec) -> functions.Spec:
+def _wrapped(wrappers: Sequence[functions.Family], inner: functions.Spec) -> functions.Spec:
     """Return a function inside wrappers, of which the first one is the outermost."""
     for wrapper in reversed(wrappers):
+        assert isinstance(wrapper, functions.Wrapper)
         inner = replace(wrapper, function=inner)
     return inner
 
@@ -244,12 +245,12 @@ class _Side:
         if self._bump is not None:
             self._draw_gaussians(self._bump)
         elif isinstance(inner, functions.Family):
-            draw_parameters(ui, inner, self._mesh, self._put_inner)
+            draw_parameters(ui, inner, self._mesh, partial(self._put_part, inner))
             file = _file_of(type(inner))
             if file is not None and ui.button("Browse...", "Choose the file."):
                 self._choose_values(type(inner), file)
         for wrapper in self._wrappers:
-            draw_parameters(ui, wrapper, self._mesh, partial(self._put_wrapper, wrapper))
+            draw_parameters(ui, wrapper, self._mesh, partial(self._put_part, wrapper))
         typed = ui.text("spec", self._spec, _SPEC)
         if typed is not None:
             self._put(typed, "spec")
@@ -260,15 +261,11 @@ class _Side:
         with self._ui.refusals.refusing(label):
             self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
 
-    def _put_inner(self, function: functions.Spec, label: str) -> None:
-        self._put(str(self._mapped(_wrapped(self._wrappers, function))), label)
-
-    def _put_wrapper(
-        self, wrapper: functions.Wrapper, changed: functions.Family, label: str
-    ) -> None:
-        assert isinstance(changed, functions.Wrapper)
-        wrappers = [changed if each is wrapper else each for each in self._wrappers]
-        self._put(str(self._mapped(_wrapped(wrappers, self._inner))), label)
+    def _put_part(self, part: functions.Family, changed: functions.Family, label: str) -> None:
+        """Replace the inner function or one of its wrappers."""
+        wrappers = [changed if each is part else each for each in self._wrappers]
+        inner = changed if part is self._inner else self._inner
+        self._put(str(self._mapped(_wrapped(wrappers, inner))), label)
 
     def _mapped(self, function: functions.Spec) -> functions.Spec:
         return function if self._map is None else replace(self._map, function=function)
