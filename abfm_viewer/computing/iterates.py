@@ -159,7 +159,6 @@ def fields(cache: ProcessCache, run: int, iteration: int) -> Fields:
 def _best_and_recent(
     iterates: tuple[abfm.matching.Iteration, ...],
 ) -> tuple[abfm.matching.Iteration, ...]:
-    """Return the best iterate, followed by the newest of the others."""
     best, *others = iterates
     for one in others:
         if better(one, best):

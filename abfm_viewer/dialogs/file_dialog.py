@@ -573,7 +573,6 @@ class FileDialog:
         self._scroll_to = self.choice.selected
 
     def _scroll(self, entries: Sequence[FolderEntry], row: float) -> None:
-        """Scroll to the entry that was selected by the keyboard."""
         names = [entry.name for entry in entries] if self._scroll_to else []
         if self._scroll_to in names:
             top, first = names.index(self._scroll_to) * row, imgui.GetScrollY()

@@ -106,8 +106,6 @@ class Origin:
 
 @dataclass(frozen=True)
 class _Header:
-    """Contents of the file `project.json`."""
-
     kind: str
     has_result: bool
     document: dict[str, Any]
@@ -228,8 +226,6 @@ def _text(plain: Any) -> str:
 
 
 class _Writer:
-    """Converts a document to JSON and arrays."""
-
     def __init__(self, objects: dict[str, Any]) -> None:
         self.arrays: dict[str, Any] = {}
         self.objects = objects  # objects with names, such as parts of the result

@@ -28,8 +28,6 @@ _CARD_DELAY_SECONDS = 0.3  # shorter operations have no card
 
 @dataclass(frozen=True)
 class _Work:
-    """An operation in progress, shown as a card with a progress bar."""
-
     name: str
     text: str
     elapsed: float  # seconds

@@ -325,7 +325,6 @@ def landmark_parts(landmarks: Sequence[DrawnLandmark], pen: Pen) -> list[Part]:
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
-    """Yield the name of each surface, its title and the rectangle in which the title is drawn."""
     outdated = scene.outdated
     for name in scene.shown:
         paint = scene.paints.get(name)

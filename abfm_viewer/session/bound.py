@@ -16,8 +16,6 @@ from abfm_viewer.session.notices import Notices
 
 
 class _Found(NamedTuple):
-    """Result of a search for the smallest residual with bounded distortion."""
-
     match: abfm.Match
     reason: str  # why there is no match within the bound
     errors: FloatArray | None  # errors of landmarks, computed here because they are slow

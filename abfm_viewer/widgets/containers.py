@@ -220,7 +220,8 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
 
 
 def is_mouse_in(rect: Rect) -> bool:
-    return bool(imgui.IsMouseHoveringRect(rect[:2], rect[2:], False))
+    x, y = imgui.GetMousePos()
+    return bool(rect[0] <= x < rect[2] and rect[1] <= y < rect[3])
 
 
 def is_popup_open() -> bool:

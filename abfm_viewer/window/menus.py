@@ -135,7 +135,6 @@ def _recent_label(paths: tuple[Path, ...]) -> str:
 
 
 def _short(path: Path) -> str:
-    """Return a path that is short enough for a menu, with ~ for the user's directory."""
     home = Path.home()
     text = str(Path("~", path.relative_to(home)) if path.is_relative_to(home) else path)
     if len(text) <= _PATH_LENGTH_MAX:

@@ -23,8 +23,6 @@ _NO_GAUSSIAN = "this surface has no Gaussian; Shift-click on the source or targe
 
 @dataclass(frozen=True)
 class _Turn:
-    """A drag that turns the surfaces."""
-
     surface: str  # in whose slot the drag began
     place: Place  # present place of the mouse
     orbits: bool  # whether the drag began next to the surface

@@ -45,7 +45,6 @@ class Search:
                 ui.wanted = None
 
     def _use(self, answer: tuple[Entry | None]) -> None:
-        """Close the search, and do the chosen action, if any."""
         self._context.dialogs.pop()
         if (entry := answer[0]) is None:
             return

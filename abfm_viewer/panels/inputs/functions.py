@@ -223,8 +223,6 @@ def _wrapped(wrappers: Sequence[functions.Family], inner: functions.Spec) -> fun
 
 
 class _Side:
-    """Widgets for the source or the target function of the active channel."""
-
     def __init__(self, context: Context, side: Side, spec: str) -> None:
         self._context, self._ui, self._session = context, context.ui, context.session
         self._side, self._spec = side, spec
