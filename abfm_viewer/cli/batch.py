@@ -1,7 +1,5 @@
 """`abfm batch`: a table of problems, or one match with all combinations of some options."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -1,7 +1,5 @@
 """`abfm map`: the map of the flow of a match, or of a registration."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from pathlib import Path

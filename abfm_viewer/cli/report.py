@@ -1,7 +1,5 @@
 """`abfm report`: a page about a registration, with its numbers as JSON."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

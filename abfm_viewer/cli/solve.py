@@ -1,7 +1,5 @@
 """Commands that solve one task: options, progress, output files and report."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import signal

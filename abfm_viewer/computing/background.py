@@ -1,7 +1,5 @@
 """Background jobs of which only the latest request counts, and a cache with one entry."""
 
-from __future__ import annotations
-
 import threading
 import time
 import traceback

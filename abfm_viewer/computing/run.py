@@ -1,7 +1,5 @@
 """Long computations in a subprocess, one at a time, which can be paused and cancelled."""
 
-from __future__ import annotations
-
 import threading
 import traceback
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Kinds of files (mesh, frames, document, table), recognised by name and, if needed, contents."""
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from enum import StrEnum

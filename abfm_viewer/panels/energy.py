@@ -1,7 +1,5 @@
 """Plot of residuals: by iteration, or by the area change of each step of a path."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

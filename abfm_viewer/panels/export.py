@@ -1,7 +1,5 @@
 """The tab Export, and its dialog: formats, settings, what will be written, and its progress."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Formats of exported files, by the kind of document."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

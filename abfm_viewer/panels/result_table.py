@@ -1,7 +1,5 @@
 """The table of a batch or a population; a click on a row shows the result of this row."""
 
-from __future__ import annotations
-
 import numpy as np
 import polyscope.imgui as imgui
 

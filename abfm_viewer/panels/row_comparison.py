@@ -1,7 +1,5 @@
 """Rows of a table of results side by side: their pictures, values and reasons."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

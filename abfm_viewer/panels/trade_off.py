@@ -1,7 +1,5 @@
 """The trade-off plot: residuals of the steps of a match against the area changes of their maps."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures of a population: means, standard deviations, area changes and outliers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import chain

@@ -1,7 +1,5 @@
 """Pictures of a registration: functions, the map as a checkerboard, and distortions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

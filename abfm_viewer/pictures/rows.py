@@ -1,7 +1,5 @@
 """Small pictures for static pages: rows of surfaces from two opposite sides, and previews."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain

@@ -1,7 +1,5 @@
 """Reports of a batch: its rows, the best rows, and a page of the worst rows."""
 
-from __future__ import annotations
-
 import heapq
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Editing of documents with undo and redo."""
 
-from __future__ import annotations
-
 import math
 import time as clock
 from dataclasses import replace

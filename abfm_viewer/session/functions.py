@@ -3,8 +3,6 @@
 Only meshes of the current document or of a run have a thread and a subprocess for evaluation.
 """
 
-from __future__ import annotations
-
 import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Opening of files in the background, where a newer request replaces an older one."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The objects of which a session consists, for use by the classes in `work.py`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from abfm import TriangleMesh

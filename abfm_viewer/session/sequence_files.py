@@ -1,7 +1,5 @@
 """Documents of a sequence of frames on a mesh, and of a match between two of the frames."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Opening and saving of the files of a session in the background, with questions to the user."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable

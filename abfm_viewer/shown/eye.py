@@ -1,7 +1,5 @@
 """Viewpoints, and the parts of a surface that are hidden from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 A frame is one image of a sequence: a function on the surface at one time.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from functools import partial
 

@@ -1,7 +1,5 @@
 """All data that are computed for the pictures of a session, in the background."""
 
-from __future__ import annotations
-
 from abfm.pages.colormaps import ColorRange
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.kinds import SequenceDocument

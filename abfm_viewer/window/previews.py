@@ -1,7 +1,5 @@
 """Previews of files in file dialogs, and pictures of autosaved copies."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from functools import partial
 from pathlib import Path

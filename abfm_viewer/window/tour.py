@@ -1,7 +1,5 @@
 """Tour of the window: cards next to the parts that they explain, one after another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 

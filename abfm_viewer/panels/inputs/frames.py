@@ -1,7 +1,5 @@
 """Tabs of a sequence of frames: the frames, a separate match of two of them, and the settings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

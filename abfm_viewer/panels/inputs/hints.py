@@ -1,7 +1,5 @@
 """Hints on functions that no flow can match, with changes that make a match possible."""
 
-from __future__ import annotations
-
 from abfm.outcome import Facts
 from abfm.wording import sentence
 from abfm_viewer.document.document import SIDES, Side

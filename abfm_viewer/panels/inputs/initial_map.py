@@ -1,7 +1,5 @@
 """Choice of the initial map from surface A to surface B."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Landmarks: pairs of corresponding points on the surfaces of source and target."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

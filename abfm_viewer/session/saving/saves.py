@@ -1,7 +1,5 @@
 """Record of which documents of a session are saved, and in which files."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
