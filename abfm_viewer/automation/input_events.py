@@ -8,8 +8,7 @@ import polyscope.imgui as imgui
 
 from abfm_viewer.errors import DriverError
 
-Place = tuple[float, float]
-"""A point of the window, in pixels."""
+Place = tuple[float, float]  # a point of the window, in pixels
 
 _MODIFIERS = {
     "ctrl": (imgui.ImGuiMod_Ctrl, imgui.ImGuiKey_LeftCtrl),

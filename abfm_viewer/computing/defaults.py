@@ -9,8 +9,7 @@ from abfm import TriangleMesh
 from abfm.pages.front import front_of
 from abfm.types import FloatArray
 
-WIDTH = 0.13
-"""Width of a Gaussian on a sufficiently fine mesh, as a fraction of sqrt(area)."""
+WIDTH = 0.13  # width of a Gaussian on a sufficiently fine mesh, as a fraction of sqrt(area)
 _WIDTH_EDGES = 3.0
 """Width of a Gaussian on a coarser mesh, in edges, as if all triangles were equilateral."""
 _WIDTH_EDGES_MAX = 4.0

@@ -33,8 +33,7 @@ The fields are needed if the process is killed. A shorter match then loses littl
 """
 _FIELD_WAIT_RATIO = 49
 """Least ratio of the wait between two sent fields to the time for sending: 2% of all time."""
-_FIELD_WAIT_GROWTH = 1.5
-"""Ratio of a wait between two sent fields to the wait before it."""
+_FIELD_WAIT_GROWTH = 1.5  # ratio of a wait between two sent fields to the wait before it
 _FIELD_WAIT_SECONDS_MAX = 20.0
 _SECONDS_PER_VERTEX = 1e-6  # time to send fields: 33 ms at 40,962 vertices
 

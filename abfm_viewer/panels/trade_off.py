@@ -42,8 +42,7 @@ _OTHER_ATTEMPTS = "other attempts"
 _FLOW_LINE_MARKER_SIZE = 5.5
 _RESIDUAL_MARKER_SIZE = 3.5
 _SHOWN_MARKER_GROWTH = 2.5
-_CLICK_DISTANCE = 16
-"""Maximum distance of a click from a marker, in pixels at a scale of 1."""
+_CLICK_DISTANCE = 16  # maximum distance of a click from a marker, in pixels at a scale of 1
 
 
 def path_of(session: Session) -> Steps:
