@@ -317,8 +317,7 @@ class Driver:
             raise DriverError(
                 f"there is no surface {surface!r}; the surfaces are {', '.join(shown)}"
             )
-        position: FloatArray = mesh.vertices[mesh.local_vertex(vertex)]
-        return position
+        return np.asarray(mesh.vertices[mesh.local_vertex(vertex)])
 
     def _is_visible(self, vertex: int, surface: str) -> bool:
         x, y = self.place(vertex, surface)
@@ -360,5 +359,4 @@ def _directions(mesh: TriangleMesh, vertex: int) -> FloatArray:
     around = np.random.default_rng(0).normal(size=(24, 3))
     tilted = normal + 0.8 * around / np.linalg.norm(around, axis=1)[:, None]
     directions = np.concatenate([normal[None], tilted])
-    facing: FloatArray = directions / np.linalg.norm(directions, axis=1)[:, None]
-    return facing
+    return np.asarray(directions / np.linalg.norm(directions, axis=1)[:, None])

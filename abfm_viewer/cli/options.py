@@ -213,13 +213,10 @@ def add_inputs(parser: Parser, inputs: Sequence[Input], without: Iterable[str] =
         add = adder(groups[rare[0].group])
         text = f"set an advanced parameter, such as {rare[0].name}=1; repeatable"
         add("--set", text, "NAME=VALUE", action="append", default=[])
-        parser.settings += map(_setting, rare)
-
-
-def _setting(each: Input) -> argparse.Action:
-    name = f"{each.name.replace('-', '_')}={each.metavar}"
-    help = f"{each.help} (default: {each.default})".replace("%", "%%")
-    return argparse.Action([], each.name, metavar=name, help=help)
+        for each in rare:
+            name = f"{each.name.replace('-', '_')}={each.metavar}"
+            help = f"{each.help} (default: {each.default})".replace("%", "%%")
+            parser.settings.append(argparse.Action([], each.name, metavar=name, help=help))
 
 
 def given_texts(

@@ -95,5 +95,4 @@ def _facing(mesh: TriangleMesh, normals: FloatArray) -> FloatArray:
     around = sample[nearest.reshape(len(sample), neighbours)]
     same_side = (normals[around] * normals[sample, None]).sum(axis=2) > 0
     averages = (at_vertex[around] * same_side).sum(axis=1) / np.maximum(same_side.sum(axis=1), 1)
-    facing: FloatArray = np.minimum(at_vertex, averages[tree.query(mesh.vertices)[1]])
-    return facing
+    return np.asarray(np.minimum(at_vertex, averages[tree.query(mesh.vertices)[1]]))

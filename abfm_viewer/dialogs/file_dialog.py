@@ -266,10 +266,6 @@ class FileChoice:
         return self.go_or_take(self.selected) if self.selected else None
 
     @property
-    def ready(self) -> bool:
-        return bool(self.selected or self.name.strip())
-
-    @property
     def final_name(self) -> str:
         name = self.name.strip()
         is_complete = not name or has_suffix(name, self.suffixes) or self.has_other_ending
@@ -279,8 +275,8 @@ class FileChoice:
     def has_other_ending(self) -> bool:
         """Whether the name of a file to save has an ending that is not allowed."""
         name = self.name.strip()
-        is_known = not self.suffixes or has_suffix(name, self.suffixes)
-        return not is_known and _ENDING.fullmatch(Path(name).suffix) is not None
+        has_ending = _ENDING.fullmatch(Path(name).suffix) is not None
+        return has_ending and not has_suffix(name, self.suffixes)
 
     def close(self) -> None:
         self._listing.close()
@@ -350,7 +346,8 @@ class FileDialog:
             ui.note(note, "failure" if is_error else "muted")
             self._draw_name(ui)
             word = "Save" if choice.saving else "Open"
-            pressed = ui.button(word, enabled=choice.ready, primary=True, width=ui.px(110))
+            is_ready = bool(choice.selected or choice.name.strip())
+            pressed = ui.button(word, enabled=is_ready, primary=True, width=ui.px(110))
             ui.same_line()
             cancelled = ui.button("Cancel", "Esc", width=ui.px(110))
             if not (typing or is_popup_open()):
@@ -412,9 +409,7 @@ class FileDialog:
             choice.look_for(found)
         ui.same_line(ui.px(16))
         tip = "Also list names that begin with a dot."
-        hidden = ui.checkbox("hidden files", choice.hidden, tip)
-        if hidden != choice.hidden:
-            choice.hidden = hidden
+        choice.hidden = ui.checkbox("hidden files", choice.hidden, tip)
         return is_searching
 
     def _draw_files_and_preview(self, ui: Ui) -> None:

@@ -320,8 +320,7 @@ class RunRecord:
             return self.residuals
         roots = np.log(np.maximum(self.energies[:, 2], np.finfo(float).tiny)) / 2
         falls = np.where(np.diff(self.stages) == 0, np.diff(roots), 0.0)
-        found: FloatArray = self.residual * np.exp(np.cumsum([0, *falls]) - falls.sum())
-        return found
+        return np.asarray(self.residual * np.exp(np.cumsum([0, *falls]) - falls.sum()))
 
     @property
     def best_residuals(self) -> FloatArray:

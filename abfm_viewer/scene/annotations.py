@@ -250,7 +250,8 @@ def annotation_parts(
     found += [Line(ends, pen.inks.border, pen.scale) for ends in borders]
     links = scene.links()
     for place, other, color in links:
-        found.append(Line((place, other), _distinct(color, pen), _LINK_WIDTH * pen.scale))
+        distinct = color + _INK_SHARE * (np.array(pen.inks.ink[:3]) - color)  # from the background
+        found.append(Line((place, other), (*triple(distinct), 1.0), _LINK_WIDTH * pen.scale))
     found += landmark_parts(scene.landmarks(), pen)
     # names are centred above the surfaces, or aligned at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
@@ -272,11 +273,6 @@ def annotation_parts(
         found += bars
         found += next((parts for parts in (full, short) if _left_end(parts, rect) > end), [])
     return found
-
-
-def _distinct(color: FloatArray, pen: Pen) -> Color:
-    """Return a colour mixed with that of texts, so that it differs from the background."""
-    return *triple(color + _INK_SHARE * (np.array(pen.inks.ink[:3]) - color)), 1.0
 
 
 def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:

@@ -241,16 +241,14 @@ class SlotView:
         x, y = (place[0] - middle[0]) / radius, (middle[1] - place[1]) / radius
         square = x * x + y * y
         point = np.array([x, y, np.sqrt(1 - square) if square < 0.5 else 0.5 / np.sqrt(square)])
-        unit: FloatArray = point / np.linalg.norm(point)
-        return unit
+        return np.asarray(point / np.linalg.norm(point))
 
 
 def rotation(axis: FloatArray, angle: float) -> FloatArray:
     """Return the matrix (3, 3) of the rotation about a unit axis (3,), by Rodrigues' formula."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn: FloatArray = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return turn
+    return np.asarray(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross)
 
 
 def _orthonormal(rotation: FloatArray) -> FloatArray:

@@ -95,11 +95,6 @@ class SequenceQuantities(FieldQuantities):
         unit = _sequence_document(self._session).sequence.unit_of_speed
         return self._field.newest(flow.mesh, _part_of_interval, flow, segment, part, unit)
 
-    @property
-    def _is_of_interval(self) -> bool:
-        """Whether the shown field is that of an interval, or a part of its Hodge decomposition."""
-        return self._session.view.part in ("complete", *HODGE_PARTS)
-
     def _shares(self) -> FloatArray | None:
         document = _sequence_document(self._session)
         if document.result is None:
@@ -114,7 +109,7 @@ class SequenceQuantities(FieldQuantities):
     def fast(self, field: Field) -> float | None:
         """Return the speed of the longest arrows in all intervals; it never decreases in a run."""
         document = _sequence_document(self._session)
-        if not self._is_of_interval:
+        if self._session.view.part not in ("complete", *HODGE_PARTS):  # not of an interval
             return field.fast
         if (found := self._session.sequence_match.fast_speed(document)) or document.result is None:
             return found

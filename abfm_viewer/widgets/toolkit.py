@@ -18,7 +18,7 @@ from abfm_viewer.appearance.abbreviation import abbreviated
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets import placement
-from abfm_viewer.widgets.widget_record import Range, Rect, Widget, WidgetKind, WidgetRecord
+from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"  # text of a number that is chosen automatically
@@ -268,15 +268,9 @@ class Ui:
             self.record.describe(text)
         if not text or self._clicked_at is not None or imgui.IsMouseDown(0):
             return
-        if imgui.IsItemHovered(_TIP_FLAGS):
-            self.tip_beside((*imgui.GetItemRectMin(), *imgui.GetItemRectMax()), text)
-
-    def _reasoned(self, tip: str) -> str:
-        is_new = not tip.startswith(self._reason)
-        return "\n\n".join(filter(None, [self._reason, tip])) if is_new else tip
-
-    def tip_beside(self, item: Rect, text: str) -> None:
-        """Show a tooltip for a part of the current window, by `placement.beside`."""
+        if not imgui.IsItemHovered(_TIP_FLAGS):
+            return
+        item = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
         (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
         own = (left, top, left + width, top + imgui.GetWindowHeight())
         area = placement.hull(own, *self.record.areas[1:2])
@@ -292,6 +286,10 @@ class Ui:
         imgui.TextUnformatted(text)
         imgui.PopTextWrapPos()
         imgui.EndTooltip()
+
+    def _reasoned(self, tip: str) -> str:
+        is_new = not tip.startswith(self._reason)
+        return "\n\n".join(filter(None, [self._reason, tip])) if is_new else tip
 
     def refusal(self, name: str, otherwise: str = "") -> None:
         """Write why the new value of a widget was refused, or else the text ``otherwise``."""

@@ -158,7 +158,6 @@ def test_vanished_file_is_refused_and_the_list_read_again(folder):
 )
 def test_name_to_save_gets_a_suffix(folder, typed, file):
     choice = FileChoice(folder, (".npz", "-lh.stc", ".html"), saving=True, name=typed)
-    assert choice.ready
     assert choice.final_name == (file or typed)
     assert choice.confirm() == (file and folder / file)
     refusal = f"{typed}: expected a name that ends in .npz, -lh.stc, .html, or has no ending"
@@ -167,7 +166,7 @@ def test_name_to_save_gets_a_suffix(folder, typed, file):
 
 def test_saving_uses_the_typed_or_selected_name(folder):
     choice = FileChoice(folder, MESHES, saving=True)
-    assert not choice.ready
+    assert choice.confirm() is None
     choice.select(FolderEntry("b.off", False))
     assert choice.name == "b.off"
     assert choice.go_or_take(str(folder / "Apple" / "new")) is None
