@@ -34,7 +34,9 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", AbfmWarning)
-            warnings.showwarning = _print_warning
+            warnings.showwarning = lambda message, *_, **__: print_note(
+                one_line(message, MESSAGE_LENGTH_MAX), "warning"
+            )
             return run()
     except KeyboardInterrupt as error:
         print(f"{program}: interrupted", file=sys.stderr)
@@ -58,10 +60,6 @@ def print_note(text: str, kind: str = "note") -> None:
 
 def print_line(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print_note(one_line(message, MESSAGE_LENGTH_MAX), "warning")
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:

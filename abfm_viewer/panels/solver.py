@@ -89,7 +89,7 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     side = (room - arrow - widest) / 2 - imgui.GetStyle().FramePadding[0] - spacing
     side = min(ui.px(_SIDE_BUTTON), max(side, ui.text_width("Resume") + ui.px(4)))
     others = 2 * (side + spacing)
-    has_result, continues = session.result is not None, session.continues
+    has_result, continues = session.result is not None, session.work.continues
     tips = _AGAIN_TIP if has_result else document.match_tip, _CONTINUE_TIP
     tip = with_key(tips[has_result and continues], "match")
     other_tip = with_key(tips[not continues], "match otherwise")

@@ -223,11 +223,6 @@ class Session(Parts):
             self.editor.change("place a point", "", **{kind: points})
 
     @property
-    def continues(self) -> bool:
-        """Whether the result is unfinished, so that the next run usually continues from it."""
-        return self.work.continues
-
-    @property
     def can_match(self) -> bool:
         return not (self.solver.running or self.obstacle or self.loading.replacing)
 
@@ -238,7 +233,7 @@ class Session(Parts):
     @property
     def match_label(self) -> str:
         """Name of the usual next run: Match, Match again or Continue."""
-        if self.continues:
+        if self.work.continues:
             return "Continue"
         has_result = self.result is not None
         return "Match again" if has_result else self.document.match_label
@@ -246,7 +241,7 @@ class Session(Parts):
     @property
     def other_match_label(self) -> str:
         """Name of the run with the other start than that of `match_label`."""
-        return "Match from zero" if self.continues else "Continue from the current field"
+        return "Match from zero" if self.work.continues else "Continue from the current field"
 
     def match(self, from_current_field: bool = False) -> None:
         """Start a run of the solver, unless one is running; if it cannot start, show the reason.

@@ -305,7 +305,7 @@ class Actions:
         self._dialogs.save(title, (PROJECT,), name, save, "results")
 
     def _match(self, otherwise: bool = False) -> None:
-        self._session.match(self._session.continues != otherwise)
+        self._session.match(self._session.work.continues != otherwise)
 
     def _escape(self) -> None:
         view, notices = self._session.view, self._session.notices

@@ -169,16 +169,13 @@ class Exporter:
     def _write(self, export: _Export) -> None:
         try:
             outputs.check(export.path, export.suffixes)
-            with reporting_steps(self._report_step), controlled(self._control):
+            with reporting_steps(partial(setattr, self, "_reported")), controlled(self._control):
                 note = export.write()
             self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"
         except Exception as error:
             self.failed = not self._cancelled
             self.message = "export cancelled" if self._cancelled else error_line(error)
         self._report(self.message, self.failed)
-
-    def _report_step(self, step: Step | None) -> None:
-        self._reported = step
 
     def _render(self, path: Path, document: Document, known: Known, options: list[str]) -> None:
         """Draw a document by `abfm render` in a subprocess, and write the complete file."""
