@@ -47,9 +47,11 @@ class Span:
         return blended(self.frames, float(np.interp(time, self.times, np.arange(len(self.times)))))
 
 
-def span(
-    state: FlowState, function: FloatArray, values_at: ValuesAtTimes = FlowState.advect
-) -> Span:
+def advected(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
+    return state.advect(function, times)
+
+
+def span(state: FlowState, function: FloatArray, values_at: ValuesAtTimes = advected) -> Span:
     """Return a function at times of the entire time bar, or up to tau if values overflow later.
 
     ``values_at`` computes the function at given times, by default by advection along the flow.
@@ -74,7 +76,7 @@ class AtShownTime:
     ``values_at`` computes the function at given times, by default by advection along the flow.
     """
 
-    def __init__(self, jobs: Jobs, values_at: ValuesAtTimes = FlowState.advect) -> None:
+    def __init__(self, jobs: Jobs, values_at: ValuesAtTimes = advected) -> None:
         self._values_at = values_at
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
