@@ -262,12 +262,12 @@ def test_folders_are_remembered_by_the_kind_of_file(tmp_path):
     dialogs = Dialogs({}, stored.update)
     for name in ("meshes", "results"):
         (tmp_path / name).mkdir()
-        dialogs._remember(name, tmp_path / name)
+        dialogs.remember_folder(name, tmp_path / name)
     assert dialogs._start_folder("meshes") == tmp_path / "meshes"
     assert dialogs._start_folder("results") == tmp_path / "results"
     assert dialogs._start_folder("exports") == tmp_path / "meshes"
     again = Dialogs(stored)
-    again._remember("meshes", tmp_path)
+    again.remember_folder("meshes", tmp_path)
     assert again._recent_folders("meshes") == [tmp_path, tmp_path / "meshes"]
     dialogs.start_in(tmp_path)
     assert dialogs._start_folder("results") == tmp_path
