@@ -250,6 +250,10 @@ def _time(now: float | None) -> float:
 def compiling() -> Iterator[None]:
     """Report a compilation as a step, which delays no estimate of other steps."""
     global _compilation_seconds
+    outer = _running.get()
+    if outer is not None and outer.step.task == COMPILING:  # which includes this compilation
+        yield
+        return
     began = work_time()
     with step(COMPILING):
         yield

@@ -184,9 +184,10 @@ def test_compilation_moves_no_estimate(monkeypatch):
     with reporting_steps(found.update), phase("match") as report:
         report(20.0, "match")
         clock[0] = 10.0
-        with progress.compiling():
+        with progress.compiling(), progress.compiling():  # the first one includes the second
             clock[0] = 100.0
             assert (found.share(), found.text(), found.detail()) == (0.5, "", progress.COMPILING)
+            assert found.step.outer.task == "match"
         assert (found.share(), found.text()) == (0.5, "within about 20 s")
 
 
