@@ -487,8 +487,8 @@ def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
     if cost > _COST_MAX or best.parts.side * best.start.side < _SIDE_MIN:
         found.append(
             "no candidate for the initial map is plausible. The best one is by the method "
-            f"{best.start.name}. It has a cost of {cost:.2f} (plausible: at most {_COST_MAX:g}), "
-            "or the wrong orientation on much of the surface"
+            f"{best.start.name}. Without the functions, it has a cost of {cost:.2f} (plausible: at "
+            f"most {_COST_MAX:g}), or the wrong orientation on much of the surface"
         )
     rival = next(
         (
@@ -501,9 +501,9 @@ def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
     )
     if rival is not None and rival.cost < best.cost + _COST_TIE:
         found.append(
-            f"a different initial map is nearly as good (costs: {best.start.name} "
-            f"{best.cost:.2f}, {rival.start.name} {rival.cost:.2f}), for example because front and "
-            "back are similar. Use landmarks to distinguish them"
+            f"a different map by the method {rival.start.name} is nearly as good (cost "
+            f"{rival.cost:.2f}, chosen map {best.cost:.2f}), for example because front and back "
+            "are similar. Use landmarks to distinguish them"
         )
     return found
 
