@@ -9,6 +9,7 @@ from abfm import functions
 from abfm.types import FloatArray
 
 _RANGE_TOLERANCE = 1e-3  # fraction of the target's range; smaller differences are ignored
+_DIGITS = 6  # of a factor or offset, relative to the range
 
 
 def rescaled(spec: str, values: FloatArray, other: FloatArray) -> str:
@@ -24,9 +25,16 @@ def rescaled(spec: str, values: FloatArray, other: FloatArray) -> str:
     if np.allclose((low, high), (least, most), rtol=0, atol=slack):
         return spec
     factor = (most - least) / (high - low)
-    found = functions.scaled(functions.parse(spec), factor, least - factor * low)
+    factor = _rounded(factor, factor * (high - low) / max(abs(low), abs(high)))
+    offset = _rounded(least - factor * low, most - least)
+    found = functions.scaled(functions.parse(spec), factor, offset)
     factor, offset = (float(f"{number:.12g}") for number in (found.factor, found.offset))
     return str(replace(found, factor=factor, offset=offset))
+
+
+def _rounded(number: float, size: float) -> float:
+    """Round a number so that the error is at most a millionth of ``size``."""
+    return round(number, _DIGITS - math.floor(math.log10(size)))
 
 
 def smoothed(spec: str, length: float) -> str:

@@ -39,7 +39,7 @@ def draw(context: Context) -> None:
     has_path = sum(map(math.isfinite, (step.log2_area for step in path))) > 1
     views = [*_VIEWS]
     view = views[has_path and getattr(session.view, name)]
-    with ui.disabled(not has_path, "The match has no steps to compare yet."):
+    with ui.disabled(not has_path, "The match has fewer than two steps to compare."):
         new = ui.radio(views, view, [*_VIEWS.values()])
     if new != view:
         session.editor.set_view(f"plot the {new}", "", **{name: new == "trade-off"})

@@ -22,6 +22,14 @@ def test_rescaled_source_has_the_range_of_the_target(spec, low, high):
     assert np.corrcoef(values, source)[0, 1] == pytest.approx(1)
 
 
+def test_factor_and_offset_are_short():
+    """Rounding errors of the range would be shown as an offset such as -2.1e-17."""
+    values = np.array([1e-17, 0.5, 2.0])
+    assert rescaled("file:a.npy", values, np.linspace(0, 1, 9)) == "scaled:0.5(file:a.npy)"
+    found = rescaled("file:a.npy", np.array([-0.551, 1.0]), np.array([-0.882, 1.0]))
+    assert found == "scaled:1.213411,offset=-0.213411(file:a.npy)"
+
+
 def test_constant_functions_are_not_rescaled():
     source = function(MESH, "coordinate:x")
     assert rescaled("coordinate:x", source, np.full(3, 2.0)) == "coordinate:x"

@@ -271,7 +271,10 @@ def open_values_and_vertex_maps(gui, tmp_path):
     table = "\n".join(["a,b", *(f"{value!r},{2 * value!r}" for value in values.tolist())])
     (tmp_path / "table.csv").write_text(table)
     gui.type("path", str(tmp_path / "table.csv"), within=side)
-    gui.wait(lambda s: "2 columns" in s.obstacle)  # an added line moves the widgets below it
+    # the name of the file is in the message only once
+    gui.wait(
+        lambda s: "2 columns" in s.obstacle and s.obstacle.count("table.csv") == 1
+    )  # an added line moves the widgets below it
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)

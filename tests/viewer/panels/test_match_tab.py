@@ -8,6 +8,7 @@ from abfm_viewer.appearance import axes
 from abfm_viewer.document.document import RunRecord
 from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
+from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 
@@ -89,6 +90,11 @@ def test_axis_of_areas_has_round_factors(ends, factors):
     ticks, labels = axes.factor_ticks(*ends)
     np.testing.assert_allclose(2 ** np.array(ticks), factors)
     assert labels == [f"×{factor:g}" for factor in factors]
+
+
+def test_diverged_steps_do_not_stretch_the_axis():
+    found = plots.positive(np.array([0.0, np.nan, 0.5, 1e14]))
+    np.testing.assert_array_equal(found, [np.nan, np.nan, 0.5, 10])
 
 
 def test_labels_of_ticks_do_not_overlap():

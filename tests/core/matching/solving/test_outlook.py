@@ -78,6 +78,14 @@ def test_preparation_of_a_mesh_is_no_iteration(clock):
     assert clock.remaining < 100
 
 
+def test_pause_in_an_iteration_hardly_counts(clock):
+    clock.iterate(Plan(1), 20, 1.0)
+    before = clock.remaining
+    clock.now += 1000.0
+    clock.outlook.add(1000)
+    assert before < clock.remaining < 1.5 * before
+
+
 def test_usual_time_grows_with_the_mesh():
     sizes = [300, 1000, 3000, 10_000, 40_000]
     times = list(map(expected_seconds, sizes))
