@@ -33,7 +33,6 @@ LIMIT = "Limit distortion"
 _STOP = "Stop limiting"
 _LIMIT_TIP = "Find the field of smallest residual within the bound."
 _AXIS_WIDTH_MIN = 0.01  # width of the axis of areas, in doublings
-_RESIDUAL_MAX = 10.0  # larger residuals, of an unstable discrete flow, are not drawn
 _LABEL_GAP = 10
 _AXIS_WIDTH = 80  # of the vertical axis with its labels, in pixels at a scale of 1
 _PRESENT_RESIDUAL = "present iteration"
@@ -108,7 +107,6 @@ def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
 def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
     areas = np.array([step.log2_area for step in path])
     by_flow = plots.positive(np.array([step.residual for step in path]))
-    by_flow[by_flow > _RESIDUAL_MAX] = np.nan
     by_lines = plots.positive(np.array([step.verified_residual for step in path]))
     snapshot = session.matching.snapshot if session.solver.running else None
     now = np.array([snapshot.iteration.residual] if snapshot else [])

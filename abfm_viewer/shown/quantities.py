@@ -216,6 +216,11 @@ class FieldQuantities(Jobs):
     def convolving(self) -> bool:
         return self._streaks.busy
 
+    @property
+    def is_placing_arrows(self) -> bool:
+        """Whether the first arrows on this surface are being computed."""
+        return self._arrows.busy and self._arrows.value is None and self._session.view.arrows
+
     def field(self) -> Field | None:
         """Return the field, or its selected part, at the shown time; None before it is known."""
         flow, time, part = self.flow.state, self.flow.time, self._session.view.part

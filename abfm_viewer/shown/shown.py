@@ -62,7 +62,9 @@ class Shown:
             return "computing the field"
         if self.tracks.busy:
             return "following critical points"
-        return "computing streaks" if self.quantities.convolving else ""
+        if self.quantities.convolving:
+            return "computing streaks"
+        return "placing arrows" if self.quantities.is_placing_arrows else ""
 
     def close(self) -> None:
         for quantities in (self._of_match, *self._of_kind.values()):

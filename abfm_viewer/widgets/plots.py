@@ -28,7 +28,7 @@ _FLAGS = (
 # minimum ratio between the ends of the vertical axis, and margin at each end
 _AXIS_FACTOR_MIN = 2.0
 _MARGIN = 0.1
-_SHARE_MAX = 10.0  # of a residual; those of steps that diverged are drawn there
+_RESIDUAL_MAX = 10.0  # larger residuals, of an unstable discrete flow, are not drawn
 _HEADROOM = 0.14  # height above the curves for the names of sections, relative to the curves
 
 
@@ -133,8 +133,8 @@ def _around(values: FloatArray) -> tuple[float, float]:
 
 
 def positive(values: FloatArray) -> FloatArray:
-    """Return residuals for a logarithmic axis: NaN for those up to 0, others up to a maximum."""
-    return np.where(np.isfinite(values) & (values > 0), np.minimum(values, _SHARE_MAX), np.nan)
+    """Return residuals with NaN in place of those that a plot does not show."""
+    return np.where((values > 0) & (values <= _RESIDUAL_MAX), values, np.nan)
 
 
 def line(

@@ -1,5 +1,6 @@
 """Quantities of a field, computed once for each field in the background."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from abfm.pages.colormaps import NO_VALUES, linear_table
 from abfm_viewer.files.documents import document_of_sequence
 from abfm_viewer.shown import quantities as quantities_module
 from abfm_viewer.shown.colored_values import ColoredValues
+from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.flow_state import FlowState
 from abfm_viewer.shown.quantities import Field, pushed_gradient
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
@@ -94,6 +96,14 @@ def test_pending_computations_are_named(session, shown, held):
     assert shown.busy == "computing streaks"
     may_convolve.set()
     texture(shown)
+    assert shown.busy == ""
+    _, may_place = held(abfm.maps, "spread_points")
+    session.editor.set_view("show", streaks=False, arrows=True)
+    place = partial(shown.quantities.arrows, shown.quantities.field(), 100.0, Eye(np.eye(3)))
+    assert place() is None
+    assert shown.busy == "placing arrows"
+    may_place.set()
+    until(lambda: place() is not None, session)
     assert shown.busy == ""
 
 
