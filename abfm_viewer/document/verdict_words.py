@@ -35,11 +35,12 @@ def remedy_tooltip(remedy: abfm.matching.Remedy) -> str:
 def numbers_text(match: abfm.Match) -> str:
     """Return both residuals of a match: ``Residual 1.2%, 3% along flow lines``.
 
-    If only landmarks were matched, return the share of folded faces, or an empty text if it is
-    unknown.
+    The number of consecutive fields is left out, so that the text fits into one line. If only
+    landmarks were matched, return the share of folded faces, or an empty text if it is unknown.
     """
     if not match.problem.is_of_landmarks:
-        return f"Residual {abfm.matching.residual_text(match)}"
+        parts = abfm.matching.residual_text(match).split(", ")
+        return f"Residual {', '.join(part for part in parts if 'fields' not in part)}"
     return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
 
 

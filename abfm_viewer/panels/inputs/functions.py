@@ -40,6 +40,8 @@ _CIRCULAR_TIP = (
     "The values are phases, which repeat after a period. Compare their cosine and sine, as two "
     "channels, instead of the values."
 )
+_MOUSE_HINT = "Shift-drag on a surface moves its Gaussian."
+_NO_GAUSSIAN_HINT = "The mouse moves functions of the family gaussian."
 _WEIGHT = "Weight of the active channel's mismatch relative to the others; 0 ignores it."
 _SEVERAL_TERMS = "several terms"
 _FAMILY = "Family of the function. Sums can be typed below.\n\n{name}: {summary}"
@@ -117,7 +119,8 @@ def draw(context: Context) -> None:
         with ui.group(side), reserved(ui, *lines):
             _Side(context, side, session.active.spec(side)).draw()
     _draw_circular(ui, session)
-    ui.line("Shift-drag on a surface moves its Gaussian.", tip=_MOUSE_TIP)
+    can_move = any(map(gaussians.gaussians, session.active.specs))
+    ui.line(_MOUSE_HINT if can_move else _NO_GAUSSIAN_HINT, tip=_MOUSE_TIP)
     hints.draw(context)
 
 

@@ -17,7 +17,7 @@ from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import stage_text
+from abfm_viewer.document.verdict_words import numbers_text, stage_text
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -179,6 +179,7 @@ def test_unknown_numbers_are_omitted(found, iterations):
     assert residual_text(replace(found, verified_residual=math.nan)) == "1.3%, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
     assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
+    assert numbers_text(two) == f"Residual {residual_text(found)}"
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "1.3%"
     start = replace(iterations[0], vertices=2500, sigma=18.0)
     assert stage_text(start) == "mesh of 2,500 vertices, σ 18, long-range search"
