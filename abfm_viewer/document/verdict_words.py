@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from itertools import chain
 
 import abfm
+from abfm.outcome import worse_residual
 from abfm.wording import sentence, share
 
 LONG_RANGE = "long-range search"  # the stages with a positive reach
@@ -48,6 +51,23 @@ def refinement_text(match: abfm.Match) -> str:
     """Return ``found on a finer mesh, with 16 times as many faces``; empty without a finer mesh."""
     found = f"found on a finer mesh, with {4**match.refined} times as many faces"
     return found if match.refined else ""
+
+
+def best_text(
+    now: abfm.matching.Iteration,
+    best: abfm.matching.Iteration,
+    others: Iterable[Sequence[abfm.matching.PathStep]],
+) -> str:
+    """Return ``, best step 14%``: the smallest residual of a step by both checks.
+
+    ``others`` are the steps of other attempts. Before the first step, the residual is that of the
+    ``best`` iterate. The text is empty if the present residual is smaller.
+    """
+    steps = [*now.path, *chain.from_iterable(others)]
+    each = (worse_residual(step.residual, step.verified_residual) for step in steps)
+    residual = min(each, default=best.residual)
+    is_better = residual < now.residual and not now.is_of_landmarks
+    return f", best {'step ' if steps else ''}{share(residual)}" if is_better else ""
 
 
 def attempt_text(now: abfm.matching.Iteration) -> str:

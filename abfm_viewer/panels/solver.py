@@ -137,10 +137,8 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     now = snapshot.iteration
     draw_overall(ui, overall, verdict_words.attempt_text(now))
     residual = verdict_words.residual_text(now)
-    best = snapshot.shown.residual
-    has_better = best < now.residual and not now.is_of_landmarks
-    earlier = f", best {share(best)}" if has_better else ""
-    ui.note(f"Iteration {now.iteration}, {residual}{earlier}")
+    best = verdict_words.best_text(now, snapshot.shown, snapshot.others.values())
+    ui.note(f"Iteration {now.iteration}, {residual}{best}")
     ui.note(capital(overall.detail(_DETAIL_SECONDS) or verdict_words.stage_text(now)))
     if now.warning:
         ui.note(sentence(now.warning), "failure")

@@ -17,7 +17,7 @@ from abfm.sequences.report import interval_headline
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.solve import status_of
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import numbers_text, stage_text
+from abfm_viewer.document.verdict_words import best_text, numbers_text, stage_text
 from tests.viewer.sessions import SPHERE
 
 RESIDUAL = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
@@ -181,7 +181,15 @@ def test_unknown_numbers_are_omitted(found, iterations):
     assert residual_text(two).endswith("0.1% folded, 2 consecutive fields")
     assert numbers_text(two) == f"Residual {residual_text(found)}"
     assert residual_text(replace(found, verified_residual=math.nan, folded=math.nan)) == "1.3%"
-    start = replace(iterations[0], vertices=2500, sigma=18.0)
+    first, one = iterations[0], found.path[-1]
+    now, path = (
+        replace(first, residual=0.5, path=()),
+        (replace(one, residual=0.04, verified_residual=0.14),),
+    )
+    assert best_text(now, replace(first, residual=0.04), []) == ", best 4%"
+    assert best_text(now, now, [path]) == ", best step 14%"  # by the larger residual
+    assert best_text(replace(now, residual=0.1, path=path), now, []) == ""
+    start = replace(first, vertices=2500, sigma=18.0)
     assert stage_text(start) == "mesh of 2,500 vertices, σ 18, long-range search"
     assert stage_text(replace(start, reach=0.0)) == "mesh of 2,500 vertices, σ 18"
 
