@@ -29,7 +29,7 @@ _COST_OF_FIELDS = 1.5  # ratio of the time of an iteration with two fields to th
 _SECONDS_PER_VERTEX = 5e-5  # for the preparation of a mesh, and the check by flow lines
 _ITERATION_SECONDS = 6e-6  # per vertex, before any iteration
 _SEARCH_ITERATIONS = 100
-_CAP = 5.0  # most of the time of an iteration, relative to the mean: pauses do not count
+_TIME_RATIO_MAX = 5.0  # of an iteration to the mean; longer times include a pause
 _UNTIMED_ITERATIONS = 2  # the first ones on a mesh, which include its preparation
 _PRIOR_ITERATIONS = 4  # the expected time of an iteration counts as much as these
 _ITERATIONS_MIN = 3  # from this number of iterations on, time is reported
@@ -100,7 +100,7 @@ class Outlook:
             self._timed[key] = _PRIOR_ITERATIONS
         elif not self._untimed:
             is_first = self._timed[key] == _PRIOR_ITERATIONS
-            most = math.inf if is_first else _CAP * self._each(*key)
+            most = math.inf if is_first else _TIME_RATIO_MAX * self._each(*key)
             self._seconds[key] += min(now - self._now, most)
             self._timed[key] += 1
         self._untimed = max(self._untimed - 1, 0)
