@@ -19,6 +19,7 @@ _SECOND_TIP = "Show the functions that the second best map transfers, and match 
 _STEP = "change the initial map"
 _MIRROR = "mirror"
 _FILE = "file"
+_CAN_MIRROR = ("landmarks", "extremities", "closest", "spectral", "sphere", "embedding")
 
 
 class _Choice(NamedTuple):
@@ -28,7 +29,6 @@ class _Choice(NamedTuple):
     about: str  # tooltip
     titles: tuple[str, ...] = ()  # of the dialogs that open the files
     suffixes: tuple[str, ...] = MESHES  # of the files
-    can_mirror: bool = True
 
 
 _CHOICES = {
@@ -36,7 +36,6 @@ _CHOICES = {
         "",
         "The best of the applicable maps below, judged by stretch, descriptors, functions and "
         "landmarks.",
-        can_mirror=False,
     ),
     "landmarks": _Choice(
         "landmarks", "From three or more landmarks, by distances, eigenfunctions or closest points."
@@ -46,7 +45,7 @@ _CHOICES = {
         "By the ends of limbs, matched by distances. For surfaces that are not isometric.",
     ),
     "same connectivity": _Choice(
-        "connectivity", "Vertex i to vertex i, for meshes of equal faces.", can_mirror=False
+        "connectivity", "Vertex i to vertex i, for meshes of equal faces."
     ),
     "closest points": _Choice(
         "closest", "To the closest point, after a rigid alignment of B to A."
@@ -75,13 +74,10 @@ _CHOICES = {
         "weights.",
         ("Open a map from B to A",),
         (*VALUES_ENDINGS, ".map"),
-        can_mirror=False,
     ),
 }
 """Kinds of initial maps, by their labels in the drop-down list."""
-_OPENED_CHOICE = {
-    "as opened": _Choice(GIVEN_WORD, "The map in the registration file.", can_mirror=False)
-}
+_OPENED_CHOICE = {"as opened": _Choice(GIVEN_WORD, "The map in the registration file.")}
 
 
 def draw(context: Context) -> None:
@@ -94,7 +90,7 @@ def draw(context: Context) -> None:
         if choice.word == word and bool(choice.titles) == bool(files)
     )
     now = next(fitting, document.initial)  # a project may have another word
-    choices.setdefault(now, _Choice(document.initial, "", can_mirror=False))
+    choices.setdefault(now, _Choice(document.initial, ""))
     current = choices[now]
     names = ", ".join(Path(file).name for file in files)
     if not word:
@@ -105,7 +101,7 @@ def draw(context: Context) -> None:
     draw_help(context, "initial-map cost", "initial map")
     if label != now:
         _choose(context, choices[label], ())
-    elif current.can_mirror:
+    elif current.word in _CAN_MIRROR:
         ui.same_line_if_fits("mirrored")
         wanted = ui.checkbox("mirrored", mirror, _MIRRORED_TIP)
         editor.change(_STEP, initial=_joined(word, wanted, files))
