@@ -226,8 +226,8 @@ class Ui:
     def same_line(self, spacing: float = -1) -> None:
         imgui.SameLine(0, spacing)
 
-    def same_line_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
-        """Draw the next checkbox or button on the same line if it fits.
+    def same_line_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> bool:
+        """Draw the next checkbox or button on the same line if it fits; return whether it does.
 
         ``width`` is the width of a button that is not as wide as its label.
         """
@@ -235,8 +235,9 @@ class Ui:
         style = imgui.GetStyle()
         more = style.ItemSpacing[0] + 2 * style.FramePadding[0] if is_button else self.px(42)
         taken = width + style.ItemSpacing[0] if width else self.text_width(label) + more
-        if imgui.GetItemRectMax()[0] + taken <= right + 1:
+        if fits := imgui.GetItemRectMax()[0] + taken <= right + 1:
             self.same_line()
+        return bool(fits)
 
     def remaining_width(self, label: str) -> float:
         """Return the width that remains on a line whose right end is a button with this label."""

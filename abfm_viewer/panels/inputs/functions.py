@@ -78,13 +78,14 @@ def _draw_meshes(
     ui, document = context.ui, context.session.document
     if ui.button("Open mesh...", "Open a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    ui.same_line()
-    ui.align()
     place = "Stop placing" if document.view.tool == "landmark" else "Place landmarks"
+    is_one_line = ui.same_line_if_fits(place, is_button=True)
+    ui.align()
     room = ui.remaining_width(place)
     if is_beside := ui.text_width(first) <= room:
         ui.line(first, "ink", tips[0])
-    ui.at_right_end(place)
+    if is_one_line or is_beside:
+        ui.at_right_end(place)
     if ui.button(place, landmarks.PLACE_TIP):
         context.session.editor.switch_placing()
     if not is_beside:
