@@ -167,11 +167,8 @@ def _verdict(shown_object: Any) -> tuple[str, str]:
 def _vertex_count(shown_object: Any) -> int:
     if isinstance(shown_object, Correspondence):
         return max(len(shown_object.a.vertices), len(shown_object.b.vertices))
-    return len(
-        (
-            shown_object.template if isinstance(shown_object, Population) else shown_object.mesh
-        ).vertices
-    )
+    mesh = shown_object.template if isinstance(shown_object, Population) else shown_object.mesh
+    return len(mesh.vertices)
 
 
 def _see_browser(reason: str) -> str:
@@ -180,15 +177,7 @@ def _see_browser(reason: str) -> str:
 
 def _about(headline: str, tone: str, notes: list[str], title: str = "", frame: str = "") -> str:
     """Return HTML with a headline, notes, and optionally ``frame``, a page in HTML."""
-    return (
-        environment()
-        .get_template("notebook.html")
-        .render(
-            color=_COLORS.get(tone),
-            headline=headline,
-            notes=notes,
-            title=title,
-            frame=frame,
-            height=_HEIGHT,
-        )
+    color, template = _COLORS.get(tone), environment().get_template("notebook.html")
+    return template.render(
+        color=color, headline=headline, notes=notes, title=title, frame=frame, height=_HEIGHT
     )

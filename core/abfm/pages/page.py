@@ -289,9 +289,8 @@ class _PageData:
         opacities = np.ones(len(ends[0])) if paths.opacities is None else paths.opacities
         parts = [*ends, self._relative_times(paths.times), normals, opacities[:, None]]
         pieces = np.hstack(parts).astype(np.float32)
-        in_time = np.argsort(
-            pieces[:, 6], kind="stable"
-        )  # the page draws the pieces that have started
+        # the page draws the pieces that have started
+        in_time = np.argsort(pieces[:, 6], kind="stable")
         return {
             "name": paths.name,
             "color": list(paths.color),
@@ -336,11 +335,10 @@ def _text(name: str) -> str:
 
 def _policy(script: str, style: str) -> str:
     """Return the content security policy: only this script and this style, and no network."""
-    hashes = (
+    script_hash, style_hash = (
         base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
         for text in (script, style)
     )
-    script_hash, style_hash = hashes
     return (
         f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{style_hash}'; "
         "base-uri 'none'; form-action 'none'"

@@ -66,19 +66,13 @@ def match_page(match: Match, title: str, view: ViewSpec = BEST_VIEW, share: floa
     fixed = [(match.source, "source", 0), (match.target, "target", 1)]
     if match.problem.is_of_landmarks:
         fixed = [(match.mesh.vertices, "initial", 0)]
-    first, *last = (
-        Panel(
-            name,
-            match.mesh,
-            [Layer(each, values[:, c], colors) for c, (each, colors) in enumerate(shown)],
-            front,
-            _landmarks(match, side),
-        )
-        for values, name, side in fixed
-    )
-    advected = Panel("advected", match.mesh, moving, front, _lines(match, share))
+    panels = []
+    for values, name, side in fixed:
+        layers = [Layer(each, values[:, c], colors) for c, (each, colors) in enumerate(shown)]
+        panels.append(Panel(name, match.mesh, layers, front, _landmarks(match, side)))
+    panels.insert(1, Panel("advected", match.mesh, moving, front, _lines(match, share)))
     about = f"A match on a surface of {_size_text(match.mesh)}"
-    return _page(match, title, about, [first, advected, *last])
+    return _page(match, title, about, panels)
 
 
 def registration_page(
@@ -122,22 +116,11 @@ def correspondence_page(found: Correspondence, title: str, view: ViewSpec = BEST
     """Return the page of a map: A with its coordinates, and B with the transferred coordinates."""
     coordinates, transferred = found.a.vertices, found.transfer(found.a.vertices)
     colors = [color_range(values, is_full=True) for values in coordinates.T]
-    sides = zip(
-        ("A", "A on B"),
-        (found.a, found.b),
-        (coordinates, transferred),
-        fronts(found, view),
-        strict=True,
-    )
-    panels = [
-        Panel(
-            name,
-            mesh,
-            [Layer(f"{axis} of A", values[:, c], colors[c]) for c, axis in enumerate("xyz")],
-            front,
-        )
-        for name, mesh, values, front in sides
-    ]
+    sides = ("A", found.a, coordinates), ("A on B", found.b, transferred)
+    panels = []
+    for (name, mesh, values), front in zip(sides, fronts(found, view), strict=True):
+        layers = [Layer(f"{axis} of A", values[:, c], colors[c]) for c, axis in enumerate("xyz")]
+        panels.append(Panel(name, mesh, layers, front))
     distortion = found.distortion()
     facts = {
         "areas: |log2 J|, mean": f"{distortion.log2_area.mean:.2f}",
@@ -162,21 +145,15 @@ def population_page(found: Population, title: str, view: ViewSpec = BEST_VIEW) -
     """Return the page of a population: initial mean, registered mean, standard deviation."""
     front = front_of(found.template, view=view)
     titles = "initial mean", "registered mean", "standard deviation"
-    layers = list(
-        zip(
-            *(_layers(found, c) for c in range(min(len(found.channels), CHANNELS_MAX))),
-            strict=True,
-        )
-    )
+    facts, count = found.facts, len(found.channels)
+    layers = zip(*(_layers(found, c) for c in range(min(count, CHANNELS_MAX))), strict=True)
     panels = [
         Panel(name, found.template, of_channels, front)
         for name, of_channels in zip(titles, layers, strict=True)
     ]
-    notes = []
-    if (count := len(found.channels)) > CHANNELS_MAX:
+    notes = list(facts.notes)
+    if count > CHANNELS_MAX:
         notes.append(f"the page shows the first {CHANNELS_MAX} of {count} channels")
-    facts = found.facts
-    notes = [*facts.notes, *notes]
     return Page(title, facts.headline, panels, tone=facts.tone, notes=notes, topics=facts.topics)
 
 
@@ -282,11 +259,8 @@ def _landmarks(match: Match, side: int) -> list[Paths]:
     if landmarks is None:
         return []
     if side == 0:
-        return [
-            Paths.points(
-                "landmarks", landmarks.points(match.mesh).positions, _ALL_TIMES, _LANDMARK_COLOR
-            )
-        ]
+        places = landmarks.points(match.mesh).positions
+        return [Paths.points("landmarks", places, _ALL_TIMES, _LANDMARK_COLOR)]
     places = landmarks.targets(match.mesh).positions
     return [Paths.points("target landmarks", places, _ALL_TIMES, _TARGET_COLOR)]
 

@@ -164,12 +164,9 @@ def _similarity(
     correlations = [correlation(*pair) for pair in pairs]
     distances = [relative_distance(*pair) ** 2 for pair in pairs]
     weights = data.channel_weights
-    return Similarity(
-        float(np.average(correlations, weights=weights)),
-        math.sqrt(np.average(distances, weights=weights)),
-        of_map.log2_area,
-        of_map.folded,
-    )
+    correlated = float(np.average(correlations, weights=weights))
+    distance = math.sqrt(np.average(distances, weights=weights))
+    return Similarity(correlated, distance, of_map.log2_area, of_map.folded)
 
 
 def _differences(found: Sequence[Similarity], compared: BoolArray) -> list[str]:

@@ -213,9 +213,8 @@ class Population(Display):
             if not self.fits[i]
         ]
         topics = (str(outcome), *([Outcome.OUTLIER] if outliers else []))
-        return Facts(
-            outcome, self.headline, reason, advice, warnings=tuple(outliers), topics=topics
-        )
+        warnings = tuple(outliers)
+        return Facts(outcome, self.headline, reason, advice, warnings=warnings, topics=topics)
 
     @property
     def main_channel(self) -> int:
@@ -250,20 +249,14 @@ class Population(Display):
         Column 0 is before registration (by the initial maps), column 1 is after it. For a held-out
         channel their difference measures the benefit of registration.
         """
-        found = []
-        for (values, shares), masks in (
-            (self._initial(channel), self.masks_before),
-            (self._registered(channel), self.masks),
-        ):
+        found, areas = [], self.areas
+        initial, registered = self._initial(channel), self._registered(channel)
+        for (values, shares), masks in ((initial, self.masks_before), (registered, self.masks)):
             others = LeaveOneOut.of(values, shares)
-            found.append(
-                [
-                    statistics.correlation(
-                        values[i], others.without(i), self.areas * (masks[i] > 0)
-                    )
-                    for i in range(len(values))
-                ]
+            each = (
+                (values[i], others.without(i), areas * (masks[i] > 0)) for i in range(len(values))
             )
+            found.append([statistics.correlation(*pair) for pair in each])
         return np.array(found).T
 
     def phase_and_amplitude(self, channel: str | int = 0) -> Phase:

@@ -164,16 +164,14 @@ class PopulationSolver:
         outliers = find_outliers(self._comparison_data(values, masks), None, failures)
         correlations = np.array([each.correlation for each in outliers.similarities])
         can_be_target = outliers.fits & (self.weights > 0) & np.isfinite(correlations)
-        chosen = np.where(can_be_target, correlations, -math.inf)
-        best = int(np.argmax(chosen))
-        if not np.isfinite(chosen[best]):
+        best = int(np.argmax(np.where(can_be_target, correlations, -math.inf)))
+        if not can_be_target[best]:
             reason = next(filter(None, outliers.reasons), "their functions are not similar")
             raise ParameterError(
                 f"no subject can be the first target: {reason}. Give functions of the template"
             )
-        return Target.from_partial(
-            self.template, values[best][:, channels].T, masks[best] * self.mask
-        )
+        functions = values[best][:, channels].T
+        return Target.from_partial(self.template, functions, masks[best] * self.mask)
 
     def _refuse_maps_by_functions(self) -> None:
         method = self.settings.initial.partition(":")[0]
@@ -264,13 +262,8 @@ class PopulationSolver:
         self, subject: Subject, entry: LedgerEntry, drift: str, at_edges: bool = False
     ) -> SubjectTransfer:
         """Return the transfer of a subject by its registration and the mean field in a file."""
-        return replace(
-            self._initial_transfer(subject),
-            initial="",
-            registration=os.fspath(entry.path or ""),
-            drift=drift,
-            at_edges=at_edges,
-        )
+        first, path = self._initial_transfer(subject), os.fspath(entry.path or "")
+        return replace(first, initial="", registration=path, drift=drift, at_edges=at_edges)
 
     def round(
         self, entries: Sequence[LedgerEntry], before: Sequence[BoolArray], number: int
@@ -505,8 +498,6 @@ def _add(
     sums: Sequence[Moments], transferred: TemplateValues, weight: float, channel_means: FloatArray
 ) -> None:
     """Add a subject's values, minus the channel means (C,), to the moments of each channel."""
-    for moments, values, channel_mean in zip(
-        sums, transferred.values.T, channel_means, strict=True
-    ):
+    for moments, values, mean in zip(sums, transferred.values.T, channel_means, strict=True):
         shares = weight * np.where(np.isfinite(values), transferred.mask, 0)
-        moments.add(values - channel_mean, shares)
+        moments.add(values - mean, shares)

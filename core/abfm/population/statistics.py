@@ -198,9 +198,8 @@ def phase_and_amplitude(before: Moments, after: Moments, areas: FloatArray) -> P
     if squares_x - mean_x <= _VARIANCE_ROUNDING * squares_x:
         return Phase(0.0, 0.0, 0.0, 1.0)
     factor = squares_x / squares_y if squares_y > 0 else 1.0
-    return Phase(
-        squares_x - mean_x, factor * mean_y - mean_x, factor * (squares_y - mean_y), factor
-    )
+    phase, amplitude = factor * mean_y - mean_x, factor * (squares_y - mean_y)
+    return Phase(squares_x - mean_x, phase, amplitude, factor)
 
 
 def _known(f: FloatArray, g: FloatArray, areas: FloatArray) -> BoolArray:

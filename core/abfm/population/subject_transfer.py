@@ -121,16 +121,11 @@ class SubjectTransfer:
         registration = load_registration(self.registration)
         shift = ContinuousFlow(template, drift, 1.0).destinations
         before, after = maps(registration, data.mesh, template, shift)
+        points = edge_midpoints(template) if self.at_edges else vertex_points(template)
+        images = after(points)
+        first, last = values_at(before(points), data), values_at(images, data)
         if self.at_edges:
-            points = edge_midpoints(template)
-            return TransferredSubject(
-                values_at(before(points), data), values_at(after(points), data)
-            )
-        points = vertex_points(template)
-        points_after = after(points)
-        point_map = PointMap(
-            template, data.mesh, points_after.faces, points_after.barycentric, interior_map=after
-        )
+            return TransferredSubject(first, last)
+        point_map = PointMap.of_points(template, images, after)
         log2_area, facts = map_facts(registration, point_map, drift)
-        first, last = values_at(before(points), data), values_at(points_after, data)
         return TransferredSubject(first, last, log2_area, registration.verdict.kind, facts)

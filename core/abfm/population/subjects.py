@@ -75,10 +75,8 @@ class Cohort:
     subjects: tuple[Subject, ...]
 
     def __post_init__(self) -> None:
-        if len(self.subjects) < 2:
-            raise ParameterError(
-                f"the number of subjects is {len(self.subjects)}; expected at least 2"
-            )
+        if (count := len(self.subjects)) < 2:
+            raise ParameterError(f"the number of subjects is {count}; expected at least 2")
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(
                 "there is no channel for registration; add a column of functions without the "
