@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from abfm import reading
 from abfm.errors import (
     FunctionError,
     SeveralArraysError,
@@ -23,36 +24,7 @@ from abfm.functions.matlab_files import matlab_arrays
 from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
-from abfm.reading import (
-    LABEL,
-    LABELS_ENDINGS,
-    NODE_INDEX,
-    SURFACE,
-    VALUES_ENDINGS,
-    Archive,
-    Columns,
-    Format,
-    Keys,
-    Opened,
-    array_from,
-    counts_of,
-    even_times,
-    freesurfer_annotation,
-    freesurfer_frames,
-    freesurfer_label,
-    freesurfer_text,
-    freesurfer_values,
-    names_vertices,
-    nifti_frames,
-    open_file,
-    read_cifti,
-    read_gifti,
-    read_numbers,
-    read_stc,
-    side_of,
-    vertex_axis,
-    vtk_contents,
-)
+from abfm.reading import LABEL, NODE_INDEX, SURFACE, Archive, Columns, Format, Keys, Opened
 from abfm.reading.gifti import Gifti, GiftiArray
 from abfm.types import FloatArray
 from abfm.wording import counted
@@ -102,7 +74,7 @@ def request_for(
 ) -> Request:
     if mesh is None:
         return Request(array=array, hemisphere=hemisphere)
-    return Request(counts_of(mesh), array, hemisphere, mesh=mesh)
+    return Request(reading.counts_of(mesh), array, hemisphere, mesh=mesh)
 
 
 def read_values(
@@ -149,7 +121,9 @@ def read_values(
         If the file cannot be read, has labels, or does not fit the mesh.
     """
     with file_errors(path):
-        found = columns_of(open_file(path), request_for(mesh, column, hemisphere)).of_values()
+        found = columns_of(
+            reading.open_file(path), request_for(mesh, column, hemisphere)
+        ).of_values()
         return found if mesh is None else found.on(mesh)
 
 
@@ -176,9 +150,9 @@ def read_map_table(path: str | os.PathLike[str], domain: TriangleMesh) -> FloatA
     Otherwise rows are those of the file, such as pairs of vertices.
     """
     with file_errors(path, "map"):
-        counts = counts_of(domain)
+        counts = reading.counts_of(domain)
         request = request_for(domain)._replace(integers=True)
-        found = columns_of(open_file(path), request).of_values()
+        found = columns_of(reading.open_file(path), request).of_values()
         is_row = len(found.values) == 1 and found.values[0].size in counts
         has_index = found.names[:1] == ("",) and len(found.names) > 1
         is_placed = is_row or has_index or found.vertices is not None
@@ -193,7 +167,7 @@ def columns_of(opened: Opened, request: Request) -> Columns:
     reader = READERS.get(opened.format)
     if reader is None:
         if opened.format is Format.UNKNOWN:
-            endings = ", ".join((*VALUES_ENDINGS, *LABELS_ENDINGS))
+            endings = ", ".join((*reading.VALUES_ENDINGS, *reading.LABELS_ENDINGS))
             raise ValueError(
                 f"the file is {opened.format}; expected {endings}, or a FreeSurfer file of values"
             )
@@ -209,7 +183,7 @@ def columns_of(opened: Opened, request: Request) -> Columns:
 
 
 def _text(opened: Opened, request: Request) -> Columns:
-    names, table, places = read_numbers(opened.data, request.integers)
+    names, table, places = reading.read_numbers(opened.data, request.integers)
     if not (names or request.integers):
         names, table = _numbered(table, request.counts)
     found = Columns(table, tuple(names), tuple(map(str, places)))
@@ -249,7 +223,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
 
     Node indices, if there are any, number the rows.
     """
-    gifti = read_gifti(opened)
+    gifti = reading.read_gifti(opened)
     is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
     others = (*SURFACE, NODE_INDEX, *(["NIFTI_INTENT_VECTOR"] if is_mesh else []))  # normals
     arrays = {
@@ -281,7 +255,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
     step, unit = gifti.time_step, "seconds"
     if step > _TIME_STEP_MAX:
         step, unit = step / 1000, "milliseconds"
-    times = even_times(step, len(columns))
+    times = reading.even_times(step, len(columns))
     note = f"the TimeStep of {gifti.time_step:g} is interpreted as {unit}"
     return Columns(
         np.column_stack(columns),
@@ -298,7 +272,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
 def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
     """Return an array with the axis of the vertices first, without axes of length 1."""
     flat = values.reshape([size for size in values.shape if size != 1] or 1)
-    return np.moveaxis(flat, vertex_axis(flat.shape, counts, 0), 0)
+    return np.moveaxis(flat, reading.vertex_axis(flat.shape, counts, 0), 0)
 
 
 def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
@@ -336,12 +310,12 @@ def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
 
 
 def _mgh(opened: Opened, request: Request) -> Columns:
-    image, milliseconds = freesurfer_frames(opened.data)
+    image, milliseconds = reading.freesurfer_frames(opened.data)
     return image_columns(image, request.counts, milliseconds / 1000)
 
 
 def _nifti(opened: Opened, request: Request) -> Columns:
-    image, seconds = nifti_frames(opened.data)
+    image, seconds = reading.nifti_frames(opened.data)
     return image_columns(image, request.counts, seconds)
 
 
@@ -364,7 +338,7 @@ def image_columns(
             f"the image has {shown} voxels, but the mesh has {counts[1]} vertices. Project a "
             "volume onto the surface first"
         )
-    return Columns(table, times=even_times(seconds, table.shape[1]))
+    return Columns(table, times=reading.even_times(seconds, table.shape[1]))
 
 
 def _stc(opened: Opened, request: Request) -> Columns:
@@ -374,26 +348,26 @@ def _stc(opened: Opened, request: Request) -> Columns:
             "by its name, the file belongs to a volume; expected a -lh.stc or -rh.stc of a surface"
         )
     side = {"-lh.stc": "L", "-rh.stc": "R"}.get(name[-7:], "")
-    return replace(read_stc(opened.data), structure=side)
+    return replace(reading.read_stc(opened.data), structure=side)
 
 
 def _annotation(opened: Opened, request: Request) -> Columns:
-    labels = freesurfer_annotation(opened.data)
+    labels = reading.freesurfer_annotation(opened.data)
     note = "the file has no names of labels; the keys are the colours of vertices, as numbers"
     keys = (Keys(labels.names, labels.colors),)
     return Columns(labels.values.reshape(-1, 1), keys=keys, notes=() if labels.names else (note,))
 
 
 def _label_list(opened: Opened, request: Request) -> Columns:
-    found = freesurfer_label(opened.data)
+    found = reading.freesurfer_label(opened.data)
     if len(found.values) == 0:
         raise ValueError("the file lists no vertices; expected at least one")
     return found
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
-    mesh_side = side_of(request.mesh.structure) if request.mesh else None
-    return read_cifti(opened.data, request.counts, request.hemisphere, mesh_side or "")
+    mesh_side = reading.side_of(request.mesh.structure) if request.mesh else None
+    return reading.read_cifti(opened.data, request.counts, request.hemisphere, mesh_side or "")
 
 
 def _npz(opened: Opened, request: Request) -> Columns:
@@ -411,7 +385,7 @@ def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
 
     If another array is named vertex, node or index, it numbers the rows.
     """
-    places = [each for each in arrays if names_vertices(each)]
+    places = [each for each in arrays if reading.names_vertices(each)]
     if len(places) != 1 or len(arrays) == 1 or request.array == places[0]:
         return one_array(arrays, request)
     found, vertices = one_array(arrays, request, places), arrays[places[0]]
@@ -426,7 +400,7 @@ def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
 
 
 def _vtk(opened: Opened, request: Request) -> Columns:
-    return one_array(vtk_contents(opened).point_data, request)
+    return one_array(reading.vtk_contents(opened).point_data, request)
 
 
 def one_array(
@@ -491,7 +465,7 @@ def _may_be_values(arrays: Mapping[str, NDArray[Any]], name: str, counts: tuple[
 
 Reader = Callable[[Opened, Request], Columns]
 READERS: dict[Format, Reader] = {
-    Format.NPY: lambda opened, _: Columns(array_from(opened.data), frames_first=True),
+    Format.NPY: lambda opened, _: Columns(reading.array_from(opened.data), frames_first=True),
     Format.NPZ: _npz,
     Format.MAT: lambda opened, request: _of_arrays(matlab_arrays(opened.data), request),
     Format.VTK_XML: _vtk,
@@ -502,9 +476,9 @@ READERS: dict[Format, Reader] = {
     Format.TABLE: _text,
     Format.GIFTI: _gifti,
     Format.CIFTI: _cifti,
-    Format.FREESURFER_VALUES: lambda opened, _: Columns(freesurfer_values(opened.data)),
-    Format.FREESURFER_OLD_VALUES: lambda opened, _: Columns(freesurfer_values(opened.data)),
-    Format.FREESURFER_ASCII: lambda opened, _: freesurfer_text(opened.data),
+    Format.FREESURFER_VALUES: lambda opened, _: Columns(reading.freesurfer_values(opened.data)),
+    Format.FREESURFER_OLD_VALUES: lambda opened, _: Columns(reading.freesurfer_values(opened.data)),
+    Format.FREESURFER_ASCII: lambda opened, _: reading.freesurfer_text(opened.data),
     Format.MGH: _mgh,
     Format.NIFTI: _nifti,
     Format.STC: _stc,
