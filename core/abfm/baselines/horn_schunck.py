@@ -21,11 +21,7 @@ _RIDGE = 1e-6  # weight of the squared field, for uniqueness where frames are co
 
 
 def horn_schunck(
-    mesh: TriangleMesh,
-    f: ArrayLike,
-    g: ArrayLike,
-    duration: float = 1.0,
-    smoothness: float = 0.1,
+    mesh: TriangleMesh, f: ArrayLike, g: ArrayLike, duration: float = 1.0, smoothness: float = 0.1
 ) -> FloatArray:
     """Return the field that minimises ``int (dF/dt + <v, grad F>)^2 + smoothness int |grad v|^2``.
 

@@ -9,21 +9,10 @@ import numpy as np
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.family import WORD, Family, Wrapper, choice, file_name, parameter, quoted
 from abfm.functions.labels import has_label
-from abfm.functions.value_files import (
-    columns_of,
-    file_errors,
-    read_map_table,
-    request_for,
-)
+from abfm.functions.value_files import columns_of, file_errors, read_map_table, request_for
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.reading import (
-    FREESURFER_VALUES,
-    LABELS_ENDINGS,
-    VALUES_ENDINGS,
-    Format,
-    open_file,
-)
+from abfm.reading import FREESURFER_VALUES, LABELS_ENDINGS, VALUES_ENDINGS, Format, open_file
 from abfm.types import FloatArray, IntArray
 from abfm.wording import counted
 
@@ -49,9 +38,7 @@ class ValuesFile(Family):
         WORD, "column by its name or number, counted from 0", default=None
     )
     label: str | None = parameter(
-        WORD,
-        "for a file of labels: name or key of the label where the function is 1",
-        default=None,
+        WORD, "for a file of labels: name or key of the label where the function is 1", default=None
     )
     hemisphere: str | None = parameter(
         choice("L", "R"), "hemisphere in a file of both", default=None

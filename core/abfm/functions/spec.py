@@ -31,15 +31,7 @@ from abfm.calculus.smoothing import smoothed
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
-from abfm.functions.family import (
-    NUMBER,
-    POSITIVE_REAL,
-    Family,
-    Spec,
-    Wrapper,
-    parameter,
-    quoted,
-)
+from abfm.functions.family import NUMBER, POSITIVE_REAL, Family, Spec, Wrapper, parameter, quoted
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator

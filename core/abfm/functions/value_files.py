@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm import reading
-from abfm.errors import (
-    FunctionError,
-    SeveralArraysError,
-    brief,
-    did_you_mean,
-    one_line,
-)
+from abfm.errors import FunctionError, SeveralArraysError, brief, did_you_mean, one_line
 from abfm.functions.matlab_files import matlab_arrays
 from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh

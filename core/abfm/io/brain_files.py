@@ -18,12 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically, write_file
-from abfm.io.cifti_files import (
-    CIFTI_LABELS,
-    CIFTI_VALUES,
-    write_cifti_labels,
-    write_cifti_values,
-)
+from abfm.io.cifti_files import CIFTI_LABELS, CIFTI_VALUES, write_cifti_labels, write_cifti_values
 from abfm.io.exports import export_ply
 from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh

@@ -166,11 +166,7 @@ def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) ->
         "meshes": [
             {
                 "primitives": [
-                    {
-                        "attributes": {"POSITION": 0, "TEXCOORD_0": 1},
-                        "indices": 2,
-                        "material": 0,
-                    }
+                    {"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "indices": 2, "material": 0}
                 ]
             }
         ],

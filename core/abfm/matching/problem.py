@@ -17,14 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import extend_all
-from abfm.errors import (
-    AbfmError,
-    AbfmWarning,
-    FunctionError,
-    MeshError,
-    ParameterError,
-    brief,
-)
+from abfm.errors import AbfmError, AbfmWarning, FunctionError, MeshError, ParameterError, brief
 from abfm.flow.continuous_flow import field_on_children
 from abfm.functions.circular import warn_of_phases
 from abfm.functions.circular_channels import circular_channels

@@ -161,10 +161,7 @@ class MatchTask(Task):
         *channel_inputs("source function, which the flow transports", "target function"),
         mask_input("mask", "weight of the mismatch at each vertex"),
         file_input(
-            "start",
-            "initial field, from an earlier result",
-            "RESULT.npz",
-            group=PARAMETERS,
+            "start", "initial field, from an earlier result", "RESULT.npz", group=PARAMETERS
         ),
         *parameter_inputs(),
         MAX_DISTORTION,

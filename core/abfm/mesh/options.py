@@ -79,11 +79,7 @@ class MeshOptions:
         None,
     )
     largest_component: bool = _option(
-        read_flag,
-        "",
-        "Largest component",
-        "use only the component with the largest area",
-        False,
+        read_flag, "", "Largest component", "use only the component with the largest area", False
     )
 
     def __post_init__(self) -> None:

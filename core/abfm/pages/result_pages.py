@@ -19,12 +19,7 @@ from abfm.pages.color_ranges import color_range
 from abfm.pages.colormaps import ColorRange
 from abfm.pages.front import front_of
 from abfm.pages.page import Clock, Color, Layer, Page, Panel, Paths
-from abfm.pages.registration_views import (
-    CHANNELS_MAX,
-    common_colors,
-    fronts,
-    functions_on_a,
-)
+from abfm.pages.registration_views import CHANNELS_MAX, common_colors, fronts, functions_on_a
 from abfm.population import Population
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
@@ -167,10 +162,7 @@ def _layers(found: Population, c: int) -> list[Layer]:
     areas = vertex_areas(found.template)
     of_means = color_range(*means, areas=areas)
     of_deviation = color_range(deviation, areas=areas, quantity="magnitude")
-    return [
-        *(Layer(name, each, of_means) for each in means),
-        Layer(name, deviation, of_deviation),
-    ]
+    return [*(Layer(name, each, of_means) for each in means), Layer(name, deviation, of_deviation)]
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
@@ -191,10 +183,7 @@ def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, C
 
 
 def _moving(
-    match: Match,
-    shown: list[tuple[str, ColorRange]],
-    share: float,
-    start: FloatArray | None = None,
+    match: Match, shown: list[tuple[str, ColorRange]], share: float, start: FloatArray | None = None
 ) -> list[Layer]:
     """Return layers of the advected functions at uniform times from 0 to tau.
 

@@ -67,11 +67,7 @@ class Labels:
     share: float = 1.0
 
 
-def sequence_page(
-    sequence: sequences.Sequence,
-    title: str,
-    labels: Labels | None = None,
-) -> Page:
+def sequence_page(sequence: sequences.Sequence, title: str, labels: Labels | None = None) -> Page:
     """Return the page of a sequence, with a time bar.
 
     The page shows frames and interpolated frames, arrows of the field, path lines, critical points
@@ -109,15 +105,7 @@ def sequence_page(
     about = f"A sequence of {len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
     panel, clock = Panel("", mesh, layers, front, paths), clock_of(times, labels, spans)
     return Page(
-        title,
-        facts.headline,
-        [panel],
-        clock,
-        facts.tone,
-        about,
-        shown_facts,
-        notes,
-        facts.topics,
+        title, facts.headline, [panel], clock, facts.tone, about, shown_facts, notes, facts.topics
     )
 
 

@@ -24,12 +24,7 @@ from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
 from abfm.mesh.options import read_flag
 from abfm.parameters import Parameters
 from abfm.population import statistics
-from abfm.population.on_template import (
-    MapFacts,
-    TemplateValues,
-    checked_mask,
-    displacement_in,
-)
+from abfm.population.on_template import MapFacts, TemplateValues, checked_mask, displacement_in
 from abfm.population.outliers import ComparisonData, Similarity, find_outliers, repeated_outliers
 from abfm.population.population import Population
 from abfm.population.round_result import ArrayStack, RoundResult

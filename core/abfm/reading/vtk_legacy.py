@@ -15,14 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
-from abfm.reading.vtk_file import (
-    POLYGON,
-    STRIP,
-    PointData,
-    Polygons,
-    VtkFile,
-    polygons_of_cells,
-)
+from abfm.reading.vtk_file import POLYGON, STRIP, PointData, Polygons, VtkFile, polygons_of_cells
 from abfm.reading.words import integer, number, split_lists
 from abfm.types import FloatArray
 

@@ -24,14 +24,7 @@ from numpy.typing import NDArray
 from abfm.errors import brief
 from abfm.numerics.real_numbers import as_float64
 from abfm.reading.regular_files import inflated, inflated_size_max, read_bytes
-from abfm.reading.vtk_file import (
-    POLYGON,
-    STRIP,
-    PointData,
-    Polygons,
-    VtkFile,
-    polygons_of_cells,
-)
+from abfm.reading.vtk_file import POLYGON, STRIP, PointData, Polygons, VtkFile, polygons_of_cells
 from abfm.reading.xml_trees import choice_in, count_in, numbers_in, xml_tree
 from abfm.types import FloatArray, IntArray
 

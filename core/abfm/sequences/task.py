@@ -229,8 +229,7 @@ class SequenceTask(Task):
     tables: ClassVar = {
         "tracks": Table("table of critical points through time", export_tracks),
         "intervals": Table(
-            "table of the intervals: speed, uncertainty, residuals, verdict",
-            export_intervals,
+            "table of the intervals: speed, uncertainty, residuals, verdict", export_intervals
         ),
     }
 

@@ -26,22 +26,11 @@ from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import RESOLUTION_MIN, first_difference, narrowest
-from abfm.matching.solving.descent import (
-    Progress,
-    minimise,
-    prolonged,
-    prolonged_without_gradient,
-)
+from abfm.matching.solving.descent import Progress, minimise, prolonged, prolonged_without_gradient
 from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import Levels, Subdivision
 from abfm.matching.solving.measures import advect_along_flow_lines, flow_line_measures
-from abfm.matching.solving.outlook import (
-    COARSE_SHARE,
-    REFINED_SHARE,
-    SECOND_SHARE,
-    Outlook,
-    Plan,
-)
+from abfm.matching.solving.outlook import COARSE_SHARE, REFINED_SHARE, SECOND_SHARE, Outlook, Plan
 from abfm.matching.solving.record import Record, Score, StepResult, StopReason
 from abfm.matching.solving.schedule import Schedule, Stage, Variant
 from abfm.matching.solving.settings import SETTINGS

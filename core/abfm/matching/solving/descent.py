@@ -71,11 +71,7 @@ class Descent:
 
 
 def minimise(
-    levels: Levels,
-    stage: Stage,
-    start: FloatArray | Evaluation,
-    before: Progress,
-    record: Record,
+    levels: Levels, stage: Stage, start: FloatArray | Evaluation, before: Progress, record: Record
 ) -> Progress:
     """Minimise the energy of one stage, from initial fields (N, F, 2) or their evaluation.
 

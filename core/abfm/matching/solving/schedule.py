@@ -65,9 +65,7 @@ class Stage:
 
 
 def falls(
-    values: Sequence[float],
-    by: float = SETTINGS.fall_min,
-    within: int = SETTINGS.fall_iterations,
+    values: Sequence[float], by: float = SETTINGS.fall_min, within: int = SETTINGS.fall_iterations
 ) -> bool:
     """Return whether values fell by a share ``by`` within the last ``within`` iterations.
 

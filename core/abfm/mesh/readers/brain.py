@@ -3,13 +3,7 @@
 import numpy as np
 
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.reading import (
-    Opened,
-    Words,
-    decoded,
-    freesurfer_quadrangles,
-    freesurfer_surface,
-)
+from abfm.reading import Opened, Words, decoded, freesurfer_quadrangles, freesurfer_surface
 from abfm.reading import read_gifti as gifti
 from abfm.wording import counted
 

@@ -17,15 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.reading import (
-    Opened,
-    PointData,
-    Polygons,
-    decoded,
-    integer,
-    number,
-    triangles_of_strips,
-)
+from abfm.reading import Opened, PointData, Polygons, decoded, integer, number, triangles_of_strips
 from abfm.types import FloatArray, IntArray
 
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}

@@ -10,12 +10,7 @@ import numpy as np
 from abfm.calculus.channels import at_vertices, with_index
 from abfm.errors import AbfmError, FunctionError, brief, one_line
 from abfm.functions.objects import as_values, values_of_object
-from abfm.functions.value_files import (
-    HAVE_NAMED_ARRAYS,
-    columns_of,
-    file_errors,
-    request_for,
-)
+from abfm.functions.value_files import HAVE_NAMED_ARRAYS, columns_of, file_errors, request_for
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has
 from abfm.reading import Format, counts_of, open_file
@@ -28,10 +23,7 @@ _OF_VTK = (Format.COLLECTION, Format.SERIES, Format.VTK_XML, Format.VTK_LEGACY)
 
 
 def read_frames(
-    path: str | os.PathLike[str],
-    mesh: TriangleMesh,
-    array: str | None = None,
-    hemisphere: str = "",
+    path: str | os.PathLike[str], mesh: TriangleMesh, array: str | None = None, hemisphere: str = ""
 ) -> FramesFile:
     """Read the frames of a sequence on a mesh.
 

@@ -53,10 +53,7 @@ class Track:
 
 
 def tracks(
-    mesh: TriangleMesh,
-    found: Sequence[CriticalPoints],
-    times: FloatArray,
-    min_intervals: int = 3,
+    mesh: TriangleMesh, found: Sequence[CriticalPoints], times: FloatArray, min_intervals: int = 3
 ) -> list[Track]:
     """Link the critical points of fields at times (T,) to tracks.
 
@@ -103,10 +100,7 @@ def _track(
 
 
 def _linked(
-    mesh: TriangleMesh,
-    old: list[tuple[CriticalPoints, int]],
-    points: CriticalPoints,
-    new: IntArray,
+    mesh: TriangleMesh, old: list[tuple[CriticalPoints, int]], points: CriticalPoints, new: IntArray
 ) -> list[tuple[int, int]]:
     """Pair the last points of tracks, ``old``, with new points; return pairs of indices.
 

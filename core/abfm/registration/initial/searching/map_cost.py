@@ -51,10 +51,7 @@ def map_cost(
     at_a = dissimilarity(on_b[found.to_b], on_a, a.areas)
     commutator = (_commutator(a, b, found.to_a) + _commutator(b, a, found.to_b)) / 2
     return MapCost(
-        energy(a, b, found),
-        float(weights @ (at_b + at_a)) / 2,
-        commutator,
-        side(a, b, found.to_a),
+        energy(a, b, found), float(weights @ (at_b + at_a)) / 2, commutator, side(a, b, found.to_a)
     )
 
 
