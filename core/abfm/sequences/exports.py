@@ -146,17 +146,13 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
                 "curl": sequence.curl[i],
             }
             file = f"{name}_{k:04}.vtu"
-            cells = {
-                name: getattr(sequence, name)[i]
-                for name in ("velocity", "uncertainty", "determined")
-            }
+            cells = {each: getattr(sequence, each)[i] for each in _CELL_DATA}
             export_vtu(folder / file, sequence.mesh, points, cells)
             rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
             if k < len(sequence):
                 duration = float(sequence.times[k + 1]) - time
-                advected = Flow(sequence.mesh, sequence.velocity[k], duration).push(
-                    sequence.frames[k]
-                )
+                flow = Flow(sequence.mesh, sequence.velocity[k], duration)
+                advected = flow.push(sequence.frames[k])
     return rows
 
 

@@ -441,11 +441,8 @@ def sequence(
 
         def report_field(i: int) -> None:
             if on_field is not None:
-                on_field(
-                    i,
-                    to_ambient(checked_frames.mesh, solver.fields[i])
-                    * checked_frames.mesh.length_scale,
-                )
+                velocity = to_ambient(checked_frames.mesh, solver.fields[i])
+                on_field(i, velocity * checked_frames.mesh.length_scale)
 
         def report(i: int) -> None:
             if on_interval is not None:
@@ -487,9 +484,8 @@ def _checked_frames(
     values, weights = circular_frames(found.values, weights, circular)
     if dt is not None:
         times = float(dt) * np.arange(len(found.values), dtype=np.float64)
-    checked_frames = check_frames(
-        mesh, values, found.times if times is None else times, mask, weights
-    )
+    times = found.times if times is None else times
+    checked_frames = check_frames(mesh, values, times, mask, weights)
     return replace(checked_frames, notes=(*found.notes, *checked_frames.notes))
 
 

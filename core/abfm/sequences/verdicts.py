@@ -106,9 +106,8 @@ def verdict_of(
     if verdict.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
         return replace(verdict, advice="", remedies=())
     if residual <= NOISE_FACTOR * noise_floor(functions, levels) and not verdict.kind.is_good:
-        verdict = verdict.with_cause(
-            Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions)
-        )
+        noise = _noise(functions)
+        verdict = verdict.with_cause(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=noise)
     if verdict.kind.is_good and explains_too_little(functions, levels, residual):
         cause = _unexplained(functions, levels, measures)
         return verdict.with_cause(Outcome.NOT_REACHED, cause, edges=narrowest(functions))

@@ -169,10 +169,9 @@ def _of_grids(entries: Sequence[TimedFile], mesh: TriangleMesh, array: str | Non
             f"points of the file are up to {distance:.3g} from the vertices of the mesh, whose "
             "positions are used"
         )
-    if not np.isfinite(times).all():
-        return FramesFile(np.stack(values), None, tuple(notes))
     order = np.argsort(times, kind="stable")
-    if (np.diff(times[order]) <= 0).any():  # for example if all files have the time 0
+    is_ascending = (np.diff(times[order]) > 0).all()  # false, for example, if all times are 0
+    if not (is_ascending and np.isfinite(times).all()):
         return FramesFile(np.stack(values), None, tuple(notes))
     return FramesFile(np.stack([values[k] for k in order]), times[order], tuple(notes))
 

@@ -150,9 +150,8 @@ class _HeldOut:
 
     def largest_sigma(self) -> float:
         """Return the largest sigma whose residual is hardly larger than the smallest one."""
-        enough = self.best_residual**2 + _GAIN_SHARE_MIN * max(
-            self.initial_residual**2 - self.best_residual**2, 0.0
-        )
+        gain = max(self.initial_residual**2 - self.best_residual**2, 0.0)
+        enough = self.best_residual**2 + _GAIN_SHARE_MIN * gain
         return max(sigma for sigma, residual in self._residuals.items() if residual**2 <= enough)
 
     def scan(self, report: Callable[[float], None]) -> None:
@@ -162,9 +161,8 @@ class _HeldOut:
         finished share.
         """
         self._descend(report)
-        if self.best_residual > max(
-            _RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise
-        ):
+        large = max(_RESIDUAL_LARGE * self.initial_residual, NOISE_FACTOR * self._noise)
+        if self.best_residual > large:
             best_residual, earlier = self.best_residual, (self._residuals, self._fields)
             self._residuals, self._fields = {}, {}
             with step("searching at long range"):

@@ -130,9 +130,8 @@ class Interval:
         total = 0.0
         for each in self._neighbours:
             difference = field - each.field
-            total += (
-                0.5 * self._tau * each.weight * _inner(difference, self._norm.apply(difference))
-            )
+            square = _inner(difference, self._norm.apply(difference))
+            total += 0.5 * self._tau * each.weight * square
         return total
 
     def _evaluated(self, objective: Objective, field: FloatArray) -> FieldPoint:
