@@ -144,10 +144,7 @@ class Workers:
             ledger.remove_abandoned()
         # the entries are not read again, which takes long for many rows
         return [
-            replace(entries[row.key], row=row)
-            if row.key in entries
-            else LedgerEntry(row, "missing")
-            for row in rows
+            replace(entries.get(row.key) or LedgerEntry(row, "missing"), row=row) for row in rows
         ]
 
     def compute(

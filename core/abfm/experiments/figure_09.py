@@ -77,12 +77,11 @@ def figure_9(setup: FigureSetup) -> Script:
         one, uncooled_match = others[:2]
         of_one, of_uncooled = scene.mean_errors(one, uncooled_match)
         energies = [match.energy_history[-1, 0] for match in (uncooled_match, found)]
+        of_energies = "energy without cooling over the energy with cooling"
         measures += [
             Measure("mismatch with one Gaussian as the only function", one.mismatch),
             Measure("map error with one Gaussian only, mean", of_one),
-            Measure(
-                "energy without cooling over the energy with cooling", energies[0] / energies[1]
-            ),
+            Measure(of_energies, energies[0] / energies[1]),
             Measure("map error without cooling, mean", of_uncooled),
         ]
     if setup.mesh is None:
@@ -93,11 +92,9 @@ def figure_9(setup: FigureSetup) -> Script:
         goal = Panel(human, Coordinates(human.vertices[image]), "the mirror as a map", "target")
         end = Panel(human, Coordinates(as_map.advected), "advected coordinates", "result")
         rows.append((*function_row(bumps, "mirrored function")[:4], goal, end))
+        of_others = "mirror: vertices where the detected map differs from the map of the file"
         measures += [
-            Measure(
-                "mirror: vertices where the detected map differs from the map of the file",
-                other.sum(),
-            ),
+            Measure(of_others, other.sum()),
             Measure("mirror: mismatch of the function", bumps.mismatch),
             Measure("mirror: map error, mean", of_bumps),
             Measure("mirror: mismatch of the three coordinates", as_map.mismatch),
@@ -258,6 +255,7 @@ class SymmetryScene:
         error_mean, drift_mean = error.mean(), drift.mean()
         of_error = "map error at τ, mean, geodesic / √area"
         of_drift = "drift at 2 τ, mean, geodesic / √area"
+        of_ends = "distance of advected points from the ends of exact flow lines, mean"
         correct = (
             "the points and the coordinate functions are smoothly mapped to the correct values"
         )
@@ -269,10 +267,7 @@ class SymmetryScene:
             Measure(of_drift, drift_mean, drifts, drift_mean < _DRIFT_MAX),
             Measure("drift at 2 τ, 95th percentile", np.quantile(drift, 0.95)),
             Measure("map error at τ by exact flow lines, mean", by_lines.mean()),
-            Measure(
-                "distance of advected points from the ends of exact flow lines, mean",
-                distances.mean(),
-            ),
+            Measure(of_ends, distances.mean()),
         ]
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:

@@ -132,9 +132,6 @@ def _of_sources(estimate: Any, side: str) -> Columns:
             f"the source estimate has no source in hemisphere {'LR'[chosen]}, the "
             "hemisphere of the mesh"
         )
-    first = chosen * len(vertices[0])
-    return Columns(
-        values[first : first + len(vertices[chosen])],
-        vertices=vertices[chosen],
-        times=np.asarray(estimate.times, dtype=np.float64),
-    )
+    first, times = chosen * len(vertices[0]), np.asarray(estimate.times, dtype=np.float64)
+    values = values[first : first + len(vertices[chosen])]
+    return Columns(values, vertices=vertices[chosen], times=times)

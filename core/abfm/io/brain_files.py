@@ -88,14 +88,9 @@ def write_surface(
             write(temporary, vertices, mesh.faces, create_stamp=_STAMP)
         return
     meta = _structure(path, structure or mesh.structure)
-    _write_gifti(
-        path,
-        [
-            _gifti_array(vertices, "NIFTI_INTENT_POINTSET", meta),
-            _gifti_array(mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE"),
-        ],
-        meta,
-    )
+    points = _gifti_array(vertices, "NIFTI_INTENT_POINTSET", meta)
+    faces = _gifti_array(mesh.faces.astype(np.int32), "NIFTI_INTENT_TRIANGLE")
+    _write_gifti(path, [points, faces], meta)
 
 
 def check_surface_name(path: str | os.PathLike[str]) -> None:

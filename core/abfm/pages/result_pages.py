@@ -273,16 +273,9 @@ def _page(found: Match | Registration, title: str, about: str, panels: list[Pane
         reported.append(f"the page shows the first {CHANNELS_MAX} of {count} pairs of functions")
     specs = zip(*(side[:CHANNELS_MAX] for side in match.problem.specs), strict=True)
     about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
+    shown = _facts(match, facts)
     return Page(
-        title,
-        facts.headline,
-        panels,
-        clock,
-        facts.tone,
-        about,
-        _facts(match, facts),
-        reported,
-        facts.topics,
+        title, facts.headline, panels, clock, facts.tone, about, shown, reported, facts.topics
     )
 
 

@@ -14,6 +14,10 @@ from abfm.io import export_vtu, write_csv, write_values
 from abfm.matching.judging.facts import finite
 from abfm.population.population import Population
 
+_MEASURES = (
+    *("correlation", "distance", "residual", "displacement", "log2_area", "folded", "landmarks"),
+)
+
 
 def details(found: Population) -> dict[str, Any]:
     """Return the report of a population as plain numbers and texts; None for unknown values."""
@@ -40,18 +44,7 @@ def details(found: Population) -> dict[str, Any]:
             "reason": found.reasons[i] or None,
             "verdict": found.verdicts[i] or None,
             "weight": float(found.weights[i]),
-            **{
-                name: finite(getattr(found, name)[i])
-                for name in (
-                    "correlation",
-                    "distance",
-                    "residual",
-                    "displacement",
-                    "log2_area",
-                    "folded",
-                    "landmarks",
-                )
-            },
+            **{name: finite(getattr(found, name)[i]) for name in _MEASURES},
             "scores": {
                 channel.name: list(map(finite, scores[c][i]))
                 for c, channel in enumerate(found.channels)

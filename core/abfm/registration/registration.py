@@ -148,11 +148,9 @@ class Registration(Correspondence):
         folded, flipped = distortion.folded, self.flipped_by_vertices()
         is_known = not math.isnan(self.residual)
         areas = distortion.log2_area
+        verified = worse_residual(match.verified_residual, self.residual)
         evidence = replace(
-            report.evidence,
-            verified=worse_residual(match.verified_residual, self.residual),
-            folded=folded / faces,
-            log2_area=areas.mean,
+            report.evidence, verified=verified, folded=folded / faces, log2_area=areas.mean
         )
         facts = replace(
             report,

@@ -73,12 +73,9 @@ class SymmetricRegistration(Correspondence):
         numbers = {**facts.numbers, "asymmetry_median": median, "asymmetry_95": p95}
         agreement = f"within {share(p95)} of sqrt(area) at 95% of the vertices"
         headline = f"{facts.headline}, both directions agree {agreement}"
-        return cls(
-            _mean(forward.points, backward.back),
-            _mean(forward.back, backward.points),
-            np.asarray(asymmetry),
-            replace(facts, headline=headline, short_headline=headline, numbers=numbers),
-        )
+        facts = replace(facts, headline=headline, short_headline=headline, numbers=numbers)
+        points = _mean(forward.points, backward.back)
+        return cls(points, _mean(forward.back, backward.points), np.asarray(asymmetry), facts)
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays that `save` writes: both meshes, both maps, asymmetry and facts."""

@@ -28,6 +28,7 @@ from abfm.types import FloatArray
 from abfm.wording import counted
 from abfm.workers.progress import stepped
 
+_CELL_DATA = ("velocity", "uncertainty", "determined")
 _TRACKS = ["track", "kind", "index", "time", "x", "y", "z", "face", "divergence", "curl"]
 _INTERVALS = [
     *("interval", "start", "end", "speed", "uncertainty", "determined"),
@@ -253,10 +254,9 @@ def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
         sequence.verified_residual,
         sequence.folded,
     ]
+    pairs = zip(np.stack(numbers, axis=1).tolist(), sequence.verdicts, strict=True)
     rows = [
         [i, *("" if np.isnan(x) else x for x in row), verdict.kind, verdict.reason]
-        for i, (row, verdict) in enumerate(
-            zip(np.stack(numbers, axis=1).tolist(), sequence.verdicts, strict=True)
-        )
+        for i, (row, verdict) in enumerate(pairs)
     ]
     write_csv(path, [_INTERVALS, *rows])

@@ -194,13 +194,8 @@ class _Integrals:
         ends = np.ones(_WAVE_NUMBERS)
         ends[[0, -1]] = 0.5
         # k dk / (2 pi) is d(k^2) / (4 pi)
-        weights = (
-            ends
-            * (log_stiffness[1] - log_stiffness[0])
-            * np.exp(log_stiffness)
-            / alpha
-            / (4 * np.pi)
-        )
+        spacing = log_stiffness[1] - log_stiffness[0]
+        weights = ends * spacing * np.exp(log_stiffness) / alpha / (4 * np.pi)
         in_time = 2 - 2 * np.cos(np.pi * np.arange(count) / count)
         of_space = np.exp(parameters.order * log_stiffness)
         return _Integrals(weights, of_space[:, None] * (1 + sequence.gamma * in_time))

@@ -90,15 +90,12 @@ def verdict_of(
     functions = problem.functions
     if not found:
         return _UNSOLVED_VERDICT
+    by_lines = measures.verified_residual
     evidence = Evidence(
-        measures.advected,
-        measures.residual,
-        StopReason.NO_PROGRESS,
-        measures.verified_residual,
-        measures.folded,
+        measures.advected, measures.residual, StopReason.NO_PROGRESS, by_lines, measures.folded
     )
     verdict = judge(functions, evidence, problem.parameters)
-    residual = worse_residual(measures.residual, measures.verified_residual)
+    residual = worse_residual(measures.residual, by_lines)
     if functions.norm(levels) > _NOISE_SHARE_MAX * functions.function_size:
         return verdict.with_cause(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
     if verdict.cause is Cause.BOTH_CONSTANT:

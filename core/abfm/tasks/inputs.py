@@ -322,15 +322,11 @@ def channel_input(
 
 def channel_inputs(source: str, target: str) -> tuple[Input, ...]:
     """Return the inputs that `channels` uses; ``source`` and ``target`` are their help texts."""
+    further = "further source and target for the same flow, and the weight of their mismatch"
     return (
         function_input("source", source),
         function_input("target", target),
-        channel_input(
-            "further source and target for the same flow, and the weight of their mismatch",
-            _CHANNEL,
-            _channel,
-            _renamed_channel,
-        ),
+        channel_input(further, _CHANNEL, _channel, _renamed_channel),
         CIRCULAR_INPUT,
     )
 

@@ -80,12 +80,8 @@ class Remedies:
 
     def more_iterations(self) -> Remedy:
         """Suggest more iterations, at least the default number."""
-        count = min(
-            max(
-                _ITERATIONS_FACTOR * self._parameters.solver.iterations, _DEFAULTS.solver.iterations
-            ),
-            COUNT_MAX,
-        )
+        more = _ITERATIONS_FACTOR * self._parameters.solver.iterations
+        count = min(max(more, _DEFAULTS.solver.iterations), COUNT_MAX)
         return Remedy("More time", f"use more iterations, such as {count}", {"iterations": count})
 
     def larger_reach(self) -> Remedy:

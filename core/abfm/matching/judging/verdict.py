@@ -451,11 +451,8 @@ class _Case:
         Each makes the mesh finer, the field smoother (up to the default), or sigma smaller.
         Remedies that are applied one after the other do not undo each other.
         """
-        return [
-            found
-            for found in (self.remedies.more_consistent(), self.remedies.finer_mesh())
-            if found
-        ]
+        suggestions = (self.remedies.more_consistent(), self.remedies.finer_mesh())
+        return [each for each in suggestions if each]
 
 
 _CAUSES = {

@@ -79,11 +79,8 @@ class Verification:
         parts.append(f"{100 * self.folded:.2g}% of the faces folded")
         parts.append(f"features {self.resolution:.1f} edges wide")
         disagree = "; the checks disagree" * self.checks_disagree
-        return (
-            ", ".join(parts)
-            + disagree
-            + "; features too narrow for this mesh" * (not self.resolved)
-        )
+        narrow = "; features too narrow for this mesh" * (not self.resolved)
+        return ", ".join(parts) + disagree + narrow
 
 
 def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Verification:

@@ -56,10 +56,8 @@ class Regularizer:
         self._alphas = 4 * divergence * alpha, alpha
         of_edges, of_vertices = self._alphas
         masses = self._definite(shapes.vertex_areas, self._vertices, of_vertices)
-        self._masses = (
-            self._definite(shapes.edge_areas, self._edges, of_edges),
-            np.where(self._inner, masses, np.inf),
-        )
+        edge_masses = self._definite(shapes.edge_areas, self._edges, of_edges)
+        self._masses = edge_masses, np.where(self._inner, masses, np.inf)
         self._factors: list[Solve] = []  # factors shared by norms of all orders
 
     def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:

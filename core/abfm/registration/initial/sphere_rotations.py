@@ -181,14 +181,8 @@ class _Level:
         rows = np.radians(np.linspace(-90, 90, _LATITUDES + 1))
         columns = np.radians(np.linspace(-180, 180, 2 * _LATITUDES + 1))
         latitude, longitude = np.meshgrid(rows, columns, indexing="ij")
-        grid = np.stack(
-            [
-                np.cos(latitude) * np.cos(longitude),
-                np.cos(latitude) * np.sin(longitude),
-                np.sin(latitude),
-            ],
-            axis=-1,
-        )
+        width, height = np.cos(latitude), np.sin(latitude)
+        grid = np.stack([width * np.cos(longitude), width * np.sin(longitude), height], axis=-1)
         distances, near = places.query(grid.reshape(-1, 3), 3)
         inverse = 1 / np.maximum(distances, 1e-6)
         inverse /= inverse.sum(axis=1, keepdims=True)
