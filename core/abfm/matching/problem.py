@@ -153,12 +153,9 @@ class Problem:
         source, target = _values(mesh, f), _values(mesh, g)
         mask = _mask_of_known(mesh, (source, target), mask_from_input(mesh, mask))
         if mask is not None:
-            known = mask > 0
-            source = _filled_in(mesh, source, known)
-            target = _filled_in(mesh, target, known)
-        functions = FunctionTerm(
-            mesh.normalized(), source, target, mask, weights, approximate=approximate
-        )
+            source, target = (_filled_in(mesh, each, mask > 0) for each in (source, target))
+        unit = mesh.normalized()
+        functions = FunctionTerm(unit, source, target, mask, weights, approximate=approximate)
         functions.check_sizes()
         if circular is not None:
             rows = np.concatenate([functions.source, functions.target])
@@ -399,11 +396,7 @@ class Problem:
 
 def load_problem(path: File) -> Problem:
     """Read a problem from a file of `abfm.Problem.save`; raise ResultError if that fails."""
-
-    def made(arrays: dict[str, NDArray[Any]]) -> Problem:
-        return problem_of(results.mesh_of(arrays), arrays)
-
-    return results.loaded(path, results.PROBLEM, made)
+    return results.loaded(path, results.PROBLEM, lambda it: problem_of(results.mesh_of(it), it))
 
 
 def problem_of(mesh: TriangleMesh, arrays: Mapping[str, NDArray[Any]]) -> Problem:
@@ -543,9 +536,8 @@ def _specs(given: Any, count: int) -> tuple[str, ...]:
             "channel, or '' for a channel without a spec"
         )
     texts = (str(parse(text)) if text else "" for text in known)
-    return tuple(
-        text if text.isprintable() else "" for text in texts
-    )  # files store no other characters
+    # files store no other characters
+    return tuple(text if text.isprintable() else "" for text in texts)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

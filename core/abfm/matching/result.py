@@ -150,9 +150,8 @@ class Match(Display):
     @cached_property
     def flow(self) -> Flow:
         """The flow of the fields."""
-        return Flow(
-            self.mesh, self.fine_velocity, self.parameters.tau, self.parameters.paper.method
-        )
+        p = self.parameters
+        return Flow(self.mesh, self.fine_velocity, p.tau, p.paper.method)
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -317,9 +316,8 @@ class Match(Display):
         else:
             return self
         # an interrupted run may have measured its residual on a coarser mesh
-        is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
-            self.verified_residual
-        )
+        is_unknown = math.isnan(self.verified_residual)
+        is_estimate = self.stop_reason is StopReason.CANCELLED and is_unknown
         other = self._recomputed(problem, fine_advected, is_verified=not is_estimate)
         return replace(other, load_warning="" if is_estimate else load_warning)
 
@@ -349,14 +347,13 @@ class Match(Display):
         return other.judged()
 
     def _has_better_verdict(self) -> bool:
-        due = outcome_of(self.worse_residual, self.parameters.goal)
-        return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
-            due.rank > self.verdict.kind.rank
-        )
+        due, kind = outcome_of(self.worse_residual, self.parameters.goal), self.verdict.kind
+        return kind in (Outcome.MATCHED, Outcome.NEARLY) and due.rank > kind.rank
 
     @property
     def _evidence(self) -> Evidence:
         landmarks, errors = self.problem.landmarks, self.landmark_errors
+        pair = None if landmarks is None or errors is None else (landmarks.initial_errors, errors)
         return Evidence(
             np.ascontiguousarray(self.advected.T),
             self.residual,
@@ -365,9 +362,7 @@ class Match(Display):
             self.folded,
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
-            landmarks=None
-            if landmarks is None or errors is None
-            else (landmarks.initial_errors, errors),
+            landmarks=pair,
             held_out=self.path[self.step].held_out,
             bound=self.bound,
         )
@@ -537,11 +532,8 @@ def load_match(path: File) -> Match:
 
     Values that disagree with the field are recomputed, with a warning in ``match.load_warning``.
     """
-
-    def made(arrays: results.Arrays) -> Match:
-        return match_of(results.mesh_of(arrays), arrays)
-
-    return results.loaded(path, results.RESULT, made).reverified()
+    found = results.loaded(path, results.RESULT, lambda it: match_of(results.mesh_of(it), it))
+    return found.reverified()
 
 
 def match_of(mesh: TriangleMesh, arrays: results.Arrays) -> Match:

@@ -278,18 +278,14 @@ class _Case:
         if self.outcome is Outcome.NOT_REACHED:
             return None
         if self.outcome is Outcome.MATCHED:
-            if (
-                self.first > self.parameters.goal
-                and not self.is_verified
-                and self.different_features
-            ):
+            is_unverified = self.first > self.parameters.goal and not self.is_verified
+            if is_unverified and self.different_features:
                 return self._of_obstacle(Outcome.NEARLY)
+            advice = ""
             if self.evidence.folded > FOLDED_SHARE_MAX:
                 folds = f"{share(self.evidence.folded)} of the faces are folded"
-                return self._verdict(
-                    Outcome.MATCHED, advice=f"do not rely on the point map, as {folds}"
-                )
-            return self._verdict(Outcome.MATCHED)
+                advice = f"do not rely on the point map, as {folds}"
+            return self._verdict(Outcome.MATCHED, advice=advice)
         if self.bound > self.parameters.goal:
             missing = missing_values(self.functions)
             return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
@@ -305,10 +301,8 @@ class _Case:
 
     def not_reached(self) -> Verdict:
         evidence, remedies = self.evidence, self.remedies
-        hardly_began = (
-            evidence.stop_reason is StopReason.ITERATION_LIMIT
-            and self.parameters.solver.iterations < _FALL_ITERATIONS
-        )
+        is_limit = evidence.stop_reason is StopReason.ITERATION_LIMIT
+        hardly_began = is_limit and self.parameters.solver.iterations < _FALL_ITERATIONS
         if self.squeezed:
             return self._of_squeezed_source()
         if evidence.stop_reason.is_interrupted:
@@ -374,10 +368,9 @@ class _Case:
         return f"{change}, {words}"
 
     def _of_obstacle(self, outcome: Outcome = Outcome.NOT_REACHED) -> Verdict:
-        assert self.different_features is not None
-        return self._verdict(
-            outcome, self.different_features.cause, **self.different_features.details
-        )
+        found = self.different_features
+        assert found is not None
+        return self._verdict(outcome, found.cause, **found.details)
 
     def _of_interruption(self, outcome: Outcome) -> Verdict:
         """Return the verdict of a match that was interrupted or reached its limit of iterations.
@@ -388,14 +381,13 @@ class _Case:
         remedies, evidence = self.remedies, self.evidence
         if evidence.stop_reason.is_interrupted:
             return self._verdict(outcome, _CAUSES[evidence.stop_reason])
-        suggestions = (
-            [remedies.larger_reach()] if remedies.is_beyond_reach else [remedies.more_iterations()]
-        )
-        confirmed = not self.is_verified or evidence.verified <= 2 * max(
-            evidence.residual, self.parameters.goal
-        )
-        if confirmed and not remedies.is_beyond_reach:
-            suggestions.append(CONTINUE_REMEDY)
+        confirmed_max = 2 * max(evidence.residual, self.parameters.goal)
+        if remedies.is_beyond_reach:
+            suggestions = [remedies.larger_reach()]
+        else:
+            suggestions = [remedies.more_iterations()]
+            if not (self.is_verified and evidence.verified > confirmed_max):
+                suggestions.append(CONTINUE_REMEDY)
         limit = limit_sentence(self.parameters.solver.iterations)
         return self._verdict(outcome, Cause.ITERATION_LIMIT, *suggestions, limit=limit)
 

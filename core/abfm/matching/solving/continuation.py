@@ -315,10 +315,8 @@ def _verified(state: State, stage: Stage, point: Evaluation) -> StepResult:
     advected = point.advected if is_exact else energy.advected(x)
     measures = {}
     if not state.schedule.is_fixed and energy.parameters.paper.method != "linearised":
-        with (
-            suppress(MemoryError),
-            progress_step("checking by flow lines", len(energy.mesh.vertices)),
-        ):
+        checking = progress_step("checking by flow lines", len(energy.mesh.vertices))
+        with suppress(MemoryError), checking:
             measures = flow_line_measures(energy, to_ambient(energy.mesh, x))
     return StepResult(stage, x, advected, energy.residual_of(x, advected), measures)
 
@@ -591,12 +589,9 @@ def finish(state: State, interruption: StopReason | None = None) -> Solution:
         stage = state.schedule.stage(levels.mesh_level, state.schedule.sigmas[0], state.variant)
         number, path = 0, (StepResult(stage, x, advected, min(rest)), *path)
     shape = len(energy.functions.source), len(energy.mesh.vertices)
-    return Solution(
-        tuple(_path_step(levels, result) for result in path),
-        number,
-        np.ascontiguousarray(path[number].advected[: shape[0], : shape[1]]),
-        interruption or state.progress.reason,
-    )
+    steps = tuple(_path_step(levels, result) for result in path)
+    advected = np.ascontiguousarray(path[number].advected[: shape[0], : shape[1]])
+    return Solution(steps, number, advected, interruption or state.progress.reason)
 
 
 def _with_latest(state: State) -> tuple[StepResult, ...]:

@@ -265,9 +265,8 @@ def search_of(
         return objective.evaluate(x)
 
     def inverse(gradient: FloatArray) -> FloatArray:
-        return (
-            np.stack([regularity.inverse(momentum) for momentum in gradient]) * len(gradient) / tau
-        )
+        found = np.stack([regularity.inverse(momentum) for momentum in gradient])
+        return found * len(gradient) / tau
 
     def displacement(fields: FloatArray) -> float:
         return tau * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).mean())

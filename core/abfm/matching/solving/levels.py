@@ -295,10 +295,8 @@ class Levels:
 
 
 def _of_mesh(finest: MatchingEnergy) -> tuple[Level, ...]:
-    p = finest.parameters
-    is_plain = (
-        p.solver.levels == 1 or p.paper.gradient != "adjoint" or p.paper.method != "nonlinear"
-    )
+    p, paper = finest.parameters, finest.parameters.paper
+    is_plain = p.solver.levels == 1 or paper.gradient != "adjoint" or paper.method != "nonlinear"
     if is_plain or vertex_clusters(finest.mesh) is None:
         return (Level(finest),)
     clustered = finest.clustered()

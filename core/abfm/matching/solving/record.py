@@ -94,17 +94,10 @@ class StepResult:
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
         """Return this result as a `PathStep` with the fields ``velocity`` (N, 4^k F, 3)."""
-        return PathStep(
-            self.stage.sigma,
-            self.stage.alpha,
-            self.stage.reach,
-            velocity,
-            self.residual,
-            **self.measures,
-            held_out=self.score.gain,
-            score=self.score.value,
-            mismatch=mismatch,
-        )
+        stage, score = self.stage, self.score
+        known = stage.sigma, stage.alpha, stage.reach, velocity, self.residual
+        numbers = {"held_out": score.gain, "score": score.value, "mismatch": mismatch}
+        return PathStep(*known, **self.measures, **numbers)
 
     @property
     def verified_residual(self) -> float:
@@ -219,10 +212,8 @@ class Record:
     def begin_stage(self, levels: Levels, stage: Stage, point: Evaluation) -> None:
         """Record the first fields of a stage; if its level is new, they count as an iterate."""
         self.latest = stage.level, point
-        iterations, is_new = len(self.history), self._level != stage.level
-        if not iterations or (
-            is_new and iterations <= levels[-1].energy.parameters.solver.iterations
-        ):
+        iterations, limit = len(self.history), levels[-1].energy.parameters.solver.iterations
+        if not iterations or (self._level != stage.level and iterations <= limit):
             self.add(levels, stage, point)
 
     def add(self, levels: Levels, stage: Stage, point: Evaluation) -> None:

@@ -156,9 +156,8 @@ class Schedule:
         if self.is_fixed:
             limit = p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
         goal = SETTINGS.goal_share * p.goal if self.is_free else 0.0
-        is_start = (
-            self.has_given_sigma and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
-        )
+        is_given = self.has_given_sigma and sigma == self.sigmas[-1]
+        is_start = is_given and not (self.is_fixed or is_last)
         goal = error if is_start else goal
         coarse = int(SETTINGS.coarse_iteration_share * p.solver.iterations)
         return Stage(
