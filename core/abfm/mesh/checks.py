@@ -45,10 +45,8 @@ def check(
     meaning = "(V, 3) with numbers as coordinates"
     points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    if file_numbers:
-        numbers = FileNumbers(*file_numbers)
-    else:
-        numbers = FileNumbers(np.arange(len(points)), len(points))
+    by_row = FileNumbers(np.arange(len(points)), len(points))
+    numbers = FileNumbers(*file_numbers) if file_numbers else by_row
     ids, face_ids = numbers.vertex_ids, np.arange(len(triangles))
     draft = Draft(points, triangles, ids, face_ids, numbers.file_vertex_count, numbers.copies, [])
     draft.drop_unreferenced_vertices()

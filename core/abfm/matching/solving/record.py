@@ -94,10 +94,17 @@ class StepResult:
 
     def step(self, velocity: FloatArray, mismatch: float = math.nan) -> PathStep:
         """Return this result as a `PathStep` with the fields ``velocity`` (N, 4^k F, 3)."""
-        stage, score = self.stage, self.score
-        known = stage.sigma, stage.alpha, stage.reach, velocity, self.residual
-        numbers = {"held_out": score.gain, "score": score.value, "mismatch": mismatch}
-        return PathStep(*known, **self.measures, **numbers)
+        return PathStep(
+            self.stage.sigma,
+            self.stage.alpha,
+            self.stage.reach,
+            velocity,
+            self.residual,
+            **self.measures,
+            held_out=self.score.gain,
+            score=self.score.value,
+            mismatch=mismatch,
+        )
 
     @property
     def verified_residual(self) -> float:

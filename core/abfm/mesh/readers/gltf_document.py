@@ -31,14 +31,8 @@ _GLB = 0x46546C67
 _JSON = 0x4E4F534A
 _BINARY = 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates")}
-_SHAPES |= {
-    "VEC3": (3, "positions"),
-    "VEC4": (4, "colours, joints or weights"),
-    "MAT4": (16, "matrices"),
-}
-
-
+_SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates"), "VEC3": (3, "positions")}
+_SHAPES |= {"VEC4": (4, "colours, joints or weights"), "MAT4": (16, "matrices")}
 # names of types in JSON
 _TYPE_NAMES = {dict: "an object", list: "an array", int: "an integer", str: "a text"}
 
@@ -255,10 +249,8 @@ class Document:
                 "are numbered from 0"
             )
         self.count(len(found))
-        replaced = found.copy()
-        replaced[places] = self._viewed(
-            values, count, found.dtype, found.shape[1], f"the values of {name}"
-        )
+        replaced, what = found.copy(), f"the values of {name}"
+        replaced[places] = self._viewed(values, count, found.dtype, found.shape[1], what)
         return replaced
 
     def at_vertices(

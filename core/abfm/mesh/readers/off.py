@@ -144,9 +144,8 @@ class _Text:
     def _by_words(self, width: int) -> _Parts:
         """Read points, sizes and corners, regardless of lines; a vertex has ``width`` numbers."""
         words = Words(self._text, self._begin)
-        table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
-            -1, width
-        )[:, : self._columns]
+        numbers = words.numbers(self._vertex_count * width, "the list of vertices")
+        table = numbers.reshape(-1, width)[:, : self._columns]
         try:
             return table, *self._faces_by_lines(words.place)[:2]
         except ValueError:

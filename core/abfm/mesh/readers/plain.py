@@ -98,27 +98,21 @@ def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
     latter determines the result if the header announces no triangles, or if all bytes form complete
     triangles, as in VTK and MeshLab. Otherwise the bytes after ``count`` triangles are ignored.
     """
-    size = _STL_TRIANGLE.itemsize
+    size, announced = _STL_TRIANGLE.itemsize, counted(count, "triangle")
     if body < size:
         raise ValueError(
             "the file is not STL: it has no text that begins with solid, and no complete triangle"
         )
     if body < count * size:
         raise ValueError(
-            f"the header announces {counted(count, 'triangle')}, but the file has bytes for "
-            f"{body // size}; "
-            "it may be cut off"
+            f"the header announces {announced}, but the file has bytes for {body // size}; it may "
+            "be cut off"
         )
     if count == 0 or body % size == 0:
-        note = (
-            f"the header announces {counted(count, 'triangle')}; all {body // size} "
-            "in the file were read"
-        )
+        note = f"the header announces {announced}; all {body // size} in the file were read"
         return body // size, (note,)
-    return count, (
-        f"{counted(body - count * size, 'byte was', 'bytes were')} ignored after "
-        f"{counted(count, 'triangle')}",
-    )
+    ignored = counted(body - count * size, "byte was", "bytes were")
+    return count, (f"{ignored} ignored after {announced}",)
 
 
 def _text_corners(text: str) -> tuple[FloatArray, tuple[str, ...]]:

@@ -109,11 +109,9 @@ class Pair(NamedTuple):
         return map_cost(self.a, self.b, found, self.descriptors, self.weights)
 
     def without_functions(self) -> Pair:
-        count = self.a.descriptors.shape[1]
-        on_a, on_b = self.descriptors
-        return self._replace(
-            descriptors=(on_a[:, :count], on_b[:, :count]), weights=self.weights[:count]
-        )
+        (on_a, on_b), count = self.descriptors, self.a.descriptors.shape[1]
+        descriptors = on_a[:, :count], on_b[:, :count]
+        return self._replace(descriptors=descriptors, weights=self.weights[:count])
 
     def landmark_cost(self, found: TwoWayMap) -> float:
         """Return the mean landmark error of a map in sqrt(area), times `LANDMARK_WEIGHT`."""
@@ -490,15 +488,12 @@ def _warnings(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
             f"{best.start.name}. Without the functions, it has a cost of {cost:.2f} (plausible: at "
             f"most {_COST_MAX:g}), or the wrong orientation on much of the surface"
         )
-    rival = next(
-        (
-            each
-            for each in tried
-            if each.start.side == best.start.side
-            and pair.distance(best.found, each.found) > _OTHER_MAP_DISTANCE
-        ),
-        None,
-    )
+
+    def is_other(each: Relaxed) -> bool:
+        return pair.distance(best.found, each.found) > _OTHER_MAP_DISTANCE
+
+    same_side = [each for each in tried if each.start.side == best.start.side]
+    rival = next(filter(is_other, same_side), None)
     if rival is not None and rival.cost < best.cost + _COST_TIE:
         found.append(
             f"a different map by the method {rival.start.name} is nearly as good (cost "
