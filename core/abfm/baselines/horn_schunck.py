@@ -103,9 +103,7 @@ def _stiffness(mesh: TriangleMesh) -> Matrix:
     weights = 1.5 * edge_lengths(mesh)[inner] ** 2 / areas[faces].sum(axis=1)
     count, (one, other) = len(areas), faces.T
     diagonal = np.bincount(faces.ravel(), np.repeat(weights, 2), minlength=count)
-    real, imaginary = (
-        sparse.csr_array((-weights * part, (other, one)), shape=(count, count))
-        for part in (turns.real, turns.imag)
-    )
+    parts = [(-weights * part, (other, one)) for part in (turns.real, turns.imag)]
+    real, imaginary = (sparse.csr_array(part, shape=(count, count)) for part in parts)
     transport = sparse.kron(real, np.eye(2)) + sparse.kron(imaginary, [[0.0, -1.0], [1.0, 0.0]])
     return Matrix(sparse.diags_array(np.repeat(diagonal, 2)) + transport + transport.T)

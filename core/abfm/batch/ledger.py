@@ -231,10 +231,8 @@ class Ledger:
         if not isinstance(entry, dict) or not entry or entry.keys() - known:
             raise ValueError(f"it contains {brief(entry)}")
         record = Record(**entry)
-        reason, expected, warning = (
-            one_line(text, _REASON_LENGTH_MAX)
-            for text in (record.reason, record.expected, record.warning)
-        )
+        texts = record.reason, record.expected, record.warning
+        reason, expected, warning = (one_line(text, _REASON_LENGTH_MAX) for text in texts)
         return replace(record, reason=reason, expected=expected, warning=warning)
 
     def _write(self, path: Path, content: object) -> None:

@@ -39,10 +39,8 @@ def figure_8(setup: FigureSetup) -> Script:
     is_steep = steepness > _SLOPE_SHARE_MIN * steepness.max()
     zeros = np.zeros_like(gradient)
     directions = np.divide(gradient, steepness[:, None], out=zeros, where=is_steep[:, None])
-    along, along_given = (
-        root_mean_square(mesh, (field * directions).sum(axis=1))
-        for field in (error, given_velocity)
-    )
+    components = [(field * directions).sum(axis=1) for field in (error, given_velocity)]
+    along, along_given = (root_mean_square(mesh, component) for component in components)
     relative_error, largest = along / along_given, difference.max()
     path = hidden.push(f, np.linspace(0, tau, 21))
     rate_error = derivative_rms(mesh, error, path) / derivative_rms(mesh, given_velocity, path)

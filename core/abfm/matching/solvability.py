@@ -255,10 +255,8 @@ def extrema_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Diff
     counts = tuple(_count(_both(mesh, values), SHARE * scale) for values in (f, g))
     for kind, side, sign in (("peak", "above", 1), ("pit", "below", -1)):
         one, other = (sign * diagram(mesh, sign * values) for values in (f, g))
-        unpaired = (
-            _unpaired(one, other, _DIFFERENCE_SHARE * scale),
-            _unpaired(other, one, _DIFFERENCE_SHARE * scale),
-        )
+        least = _DIFFERENCE_SHARE * scale
+        unpaired = _unpaired(one, other, least), _unpaired(other, one, least)
         if not any(map(len, unpaired)):
             continue
         if counts[0] != counts[1]:

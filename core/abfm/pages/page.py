@@ -335,10 +335,8 @@ def _text(name: str) -> str:
 
 def _policy(script: str, style: str) -> str:
     """Return the content security policy: only this script and this style, and no network."""
-    script_hash, style_hash = (
-        base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        for text in (script, style)
-    )
+    digests = [hashlib.sha256(text.encode()).digest() for text in (script, style)]
+    script_hash, style_hash = (base64.b64encode(digest).decode() for digest in digests)
     return (
         f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{style_hash}'; "
         "base-uri 'none'; form-action 'none'"

@@ -142,10 +142,8 @@ def population_page(found: Population, title: str, view: ViewSpec = BEST_VIEW) -
     titles = "initial mean", "registered mean", "standard deviation"
     facts, count = found.facts, len(found.channels)
     layers = zip(*(_layers(found, c) for c in range(min(count, CHANNELS_MAX))), strict=True)
-    panels = [
-        Panel(name, found.template, of_channels, front)
-        for name, of_channels in zip(titles, layers, strict=True)
-    ]
+    named = zip(titles, layers, strict=True)
+    panels = [Panel(name, found.template, of_channels, front) for name, of_channels in named]
     notes = list(facts.notes)
     if count > CHANNELS_MAX:
         notes.append(f"the page shows the first {CHANNELS_MAX} of {count} channels")

@@ -58,14 +58,11 @@ def track_paths(tracks: Sequence[abfm.sequences.Track]) -> list[PointPath]:
     mesh, positions, times = tracks[0].points.mesh, [], []
     for track in tracks:
         places = track.points.positions
-        steps = np.linalg.norm(np.diff(places, axis=0), axis=1) / (
-            _PIECE_LENGTH * mesh.length_scale
-        )
-        counts = np.maximum(np.ceil(steps), 1).astype(int)
-        positions_in_track = np.concatenate(
-            [k + np.arange(count) / count for k, count in enumerate(counts.tolist())]
-            + [np.array([len(places) - 1.0])]
-        )
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        pieces_of_steps = np.ceil(steps / (_PIECE_LENGTH * mesh.length_scale))
+        counts = np.maximum(pieces_of_steps, 1).astype(int)
+        pieces = [k + np.arange(count) / count for k, count in enumerate(counts.tolist())]
+        positions_in_track = np.concatenate([*pieces, [len(places) - 1.0]])
         rows = np.arange(float(len(places)))
         columns = [np.interp(positions_in_track, rows, places[:, axis]) for axis in range(3)]
         positions.append(np.stack(columns, axis=1))

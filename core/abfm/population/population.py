@@ -349,10 +349,8 @@ def _population_of(arrays: dict[str, Any]) -> Population:
     for name in results.MESH_ENTRIES:
         arrays.pop(name, None)
     pairs = zip(arrays.pop("channels").tolist(), arrays.pop("held_out").tolist(), strict=True)
-    texts: dict[str, Any] = {
-        name: tuple(arrays.pop(name).tolist())
-        for name in ("names", "reasons", "verdicts", "digests")
-    }
+    names = "names", "reasons", "verdicts", "digests"
+    texts: dict[str, Any] = {name: tuple(arrays.pop(name).tolist()) for name in names}
     bound = float(arrays.pop("bound"))
     weights, channels = arrays.pop("subject_weights"), tuple(Channel(*pair) for pair in pairs)
     return Population(template, channels, weights=weights, bound=bound, **texts, **arrays)

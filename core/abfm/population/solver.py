@@ -320,10 +320,8 @@ class PopulationSolver:
         drift = self._mean_field(entries, fits)
         drift_file = self._write_array(f"round-{number}-drift", drift)
         known = [i for i, entry in enumerate(entries) if entry.path is not None]
-        tasks = [
-            self._registered_transfer(self.cohort.subjects[i], entries[i], drift_file)
-            for i in known
-        ]
+        subjects = self.cohort.subjects
+        tasks = [self._registered_transfer(subjects[i], entries[i], drift_file) for i in known]
         stacks = [ArrayStack(self._targets_folder()) for _ in range(5)]
         failures, others = list(failures), list[tuple[str, MapFacts, Similarity]]()
         areas = face_areas(self.template)
@@ -349,10 +347,8 @@ class PopulationSolver:
         with step("summing", about=f" {counted(len(tasks), 'subject')}"):
             data = self._comparison_data(after, masks)
             outliers = find_outliers(data, maps, failures, stays_excluded)
-        digests = [
-            "" if failure else entry.digest
-            for failure, entry in zip(failures, entries, strict=True)
-        ]
+        pairs = zip(failures, entries, strict=True)
+        digests = ["" if failure else entry.digest for failure, entry in pairs]
         return RoundResult(
             outliers,
             before,

@@ -192,10 +192,8 @@ def _channel(column: str) -> Channel:
 
 def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: str) -> Subject:
     given = dict(zip(columns, cells, strict=False))
-    surface, landmarks = (
-        absolute(folder)(path) if (path := given.get(column)) else ""
-        for column in ("surface", "landmarks")
-    )
+    paths = [given.get(column) for column in ("surface", "landmarks")]
+    surface, landmarks = (absolute(folder)(path) if path else "" for path in paths)
     return Subject(
         given.get("name") or f"row {number}",
         tuple(_value(given, column, number, folder) for column in _channels(columns)),

@@ -56,7 +56,7 @@ def read_cifti(
 
 
 def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Columns:
-    head = _header(data)
+    head = _header(data, import_module("nibabel.nifti2").Nifti2Header)
     matrix = _matrix(data, head)
     kinds = [matrix.get_index_map(axis).indices_map_to_data_type for axis in range(2)]
     if _MODELS not in kinds or not set(kinds) & {*_MAPS}:
@@ -94,14 +94,13 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
     )
 
 
-def _header(data: bytes) -> Any:
-    if len(data) < _HEADER_BYTES:
+def _header(data: bytes, kind: Any) -> Any:
+    size = kind.sizeof_hdr
+    if len(data) < size:
         raise ValueError(
-            f"the file is cut off: it has {len(data)} bytes, but its header "
-            f"alone has {_HEADER_BYTES}"
+            f"the file is cut off: it has {len(data)} bytes, but its header alone has {size}"
         )
-    nifti: Any = import_module("nibabel.nifti2")  # the import is slow, and types are incomplete
-    return nifti.Nifti2Header(data[:_HEADER_BYTES], check=False)
+    return kind(data[:size], check=False)
 
 
 def _matrix(data: bytes, head: Any) -> Any:
@@ -200,15 +199,9 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
 
     Errors are those of `read_cifti`.
     """
-    nifti: Any = import_module("nibabel.nifti2")
+    nifti: Any = import_module("nibabel.nifti2")  # the import is slow, and types are incomplete
     heads = [int.from_bytes(data[:4], order) for order in ("little", "big")]  # size of the header
-    kind = nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header
-    if len(data) < kind.sizeof_hdr:
-        raise ValueError(
-            f"the file is cut off: it has {len(data)} bytes, but its header "
-            f"alone has {kind.sizeof_hdr}"
-        )
-    head = kind(data[: kind.sizeof_hdr], check=False)
+    head = _header(data, nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header)
     shape = tuple(map(int, head.get_data_shape()))
     sizes = (*shape[:3], *[1] * (3 - len(shape)), math.prod(shape[3:]))
     image = _scaled(_numbers(data, head, shape or (0,), sizes), head)

@@ -23,9 +23,8 @@ _VERTEX_NAMES = (
 _UNNAMED_COLUMNS = ("", "unnamed:0")  # names that R and pandas write for the column of row names
 _AXES_MAX = 3
 _LABELS_ADVICE = (
-    "the data are labels, which cannot be used as values. Use label=NAME for the region "
-    "of a label, "
-    "abfm apply --labels to transfer labels, or abfm.functions.read_labels"
+    "the data are labels, which cannot be used as values. Use label=NAME for the region of a "
+    "label, abfm apply --labels to transfer labels, or abfm.functions.read_labels"
 )
 
 

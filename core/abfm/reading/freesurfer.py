@@ -89,8 +89,7 @@ def freesurfer_values(data: bytes) -> FloatArray:
     if reader.remaining:
         raise ValueError(
             f"the header announces {counted(count, 'value')}, but "
-            f"{counted(reader.remaining, 'byte')} "
-            "more follow; expected none"
+            f"{counted(reader.remaining, 'byte')} more follow; expected none"
         )
     return values
 

@@ -155,8 +155,6 @@ class HeldOut(NamedTuple):
         ``advected`` has the advected source (C, V) of each fold.
         """
         functions = self.energy.functions
-        residuals = [
-            functions.with_mask(fold.hidden).residual(values)
-            for values, fold in zip(advected, self.folds, strict=True)
-        ]
+        pairs = zip(advected, self.folds, strict=True)
+        residuals = [functions.with_mask(fold.hidden).residual(values) for values, fold in pairs]
         return float(np.sqrt(np.mean(np.square(residuals)))) if residuals else np.nan

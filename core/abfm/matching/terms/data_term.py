@@ -101,9 +101,7 @@ class Sum:
     def energies_and_derivative(
         self, advected: FloatArray, sigma: float
     ) -> tuple[tuple[float, ...], FloatArray]:
-        parts = [
-            measure.value_and_derivative(part, sigma)
-            for measure, part in zip(self.measures, self.split(advected), strict=True)
-        ]
+        pairs = zip(self.measures, self.split(advected), strict=True)
+        parts = [measure.value_and_derivative(part, sigma) for measure, part in pairs]
         energies, derivatives = zip(*parts, strict=True)
         return energies, np.concatenate(derivatives)

@@ -47,10 +47,9 @@ class Lists:
 
     def add_vertex(self, words: Sequence[str]) -> None:
         if len(words) < 3:
+            found = counted(len(words), "coordinate")
             raise ValueError(
-                f"vertex {self.vertex_count}, counting from 0, has "
-                f"{counted(len(words), 'coordinate')}; "
-                "expected 3"
+                f"vertex {self.vertex_count}, counting from 0, has {found}; expected 3"
             )
         self._points.extend(map(number, words[:3]))
 

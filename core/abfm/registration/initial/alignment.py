@@ -165,10 +165,8 @@ class _Surfaces(NamedTuple):
         if landmarks is not None:
             positions = landmarks.b.positions / sizes[1], landmarks.a.positions / sizes[0]
             pairs = *positions, landmarks.weights / landmarks.weights.sum()
-        unit_a, unit_b = (
-            TriangleMesh(mesh.vertices / size, mesh.faces)
-            for mesh, size in zip((a, b), sizes, strict=True)
-        )
+        sides = zip((a, b), sizes, strict=True)
+        unit_a, unit_b = (TriangleMesh(mesh.vertices / size, mesh.faces) for mesh, size in sides)
         on_a, on_b = (points_by_area(unit, _REFINING_POINTS).positions for unit in (unit_a, unit_b))
         return cls(kind, ClosestPoints(unit_a), ClosestPoints(unit_b), on_a, on_b, pairs)
 

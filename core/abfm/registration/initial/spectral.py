@@ -88,14 +88,11 @@ class SpectralSearch:
             starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
             found = candidates(few, starts, _REFINED_CANDIDATES)
             done(0.7)
-            curvatures = (
-                curvature_coefficients(coarse_a, size),
-                curvature_coefficients(coarse_b, size),
-            )
-            criteria = self._criteria = _Criteria(spectra.thinned(2), hints, places, curvatures)
-            self.maps = [
-                criteria.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found
-            ]
+            of_a, of_b = (curvature_coefficients(mesh, size) for mesh in (coarse_a, coarse_b))
+            criteria = _Criteria(spectra.thinned(2), hints, places, (of_a, of_b))
+            refined = criteria.spectra.refined
+            self._criteria = criteria
+            self.maps = [refined(C, [*range(len(C) + 2, size, 2), size]) for C in found]
 
     def ranked(self, side: int) -> list[FloatArray]:
         """Return `maps` by ascending `defect`; ``side`` is 1, or -1 for the mirror image of A."""
@@ -114,12 +111,10 @@ class SpectralSearch:
 
         The points are positions on A, (P, 3), and on B, (Q, 3), scaled to unit area.
         """
-        rows = [
-            project_onto_surface(mesh, places * fine.length_scale).pull_back(
-                unit_eigenbasis(mesh, self._size)[1][:, : len(C)]
-            )
-            for mesh, fine, places in zip(self._coarse, self._meshes, (on_a, on_b), strict=True)
-        ]
+        rows = []
+        for mesh, fine, places in zip(self._coarse, self._meshes, (on_a, on_b), strict=True):
+            points = project_onto_surface(mesh, places * fine.length_scale)
+            rows.append(points.pull_back(unit_eigenbasis(mesh, self._size)[1][:, : len(C)]))
         return nearest_rows(C, *rows)
 
     def finished(self, C: FloatArray) -> tuple[PointMap, FloatArray]:
@@ -189,10 +184,8 @@ def _hints(
     if landmarks is not None:
         places = landmarks.a.positions / meshes[0].length_scale
         weights = landmarks.weights / landmarks.weights.mean()
-        at = [
-            project_onto_surface(mesh, points.positions).pull_back(basis)
-            for mesh, basis, points in zip(coarse, bases, (landmarks.a, landmarks.b), strict=True)
-        ]
+        sides = zip(coarse, bases, (landmarks.a, landmarks.b), strict=True)
+        at = [project_onto_surface(mesh, p.positions).pull_back(basis) for mesh, basis, p in sides]
     of = [np.zeros((k, 0))] * 2
     if functions is not None:
         rows = [

@@ -216,10 +216,8 @@ class _HeldOut:
         return self._best_sigma != self._sigmas[start]
 
     def _minimise(self, sigma: float, fields: list[list[FloatArray]]) -> list[list[FloatArray]]:
-        found = [
-            search.minimise(sigma, starts)
-            for search, starts in zip(self.searches, fields, strict=True)
-        ]
+        pairs = zip(self.searches, fields, strict=True)
+        found = [search.minimise(sigma, starts) for search, starts in pairs]
         self._residuals[sigma] = float(np.sqrt(np.mean([square for square, _ in found])))
         self._fields[sigma] = [fields for _, fields in found]
         return self._fields[sigma]

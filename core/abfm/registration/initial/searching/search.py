@@ -352,10 +352,8 @@ def _by_positions(
     """Return a function that maps coarse surfaces by the distances to L matched points, (L, 3)."""
 
     def coarse(pair: Pair) -> IntArray:
-        on_a, on_b = (
-            np.asarray(KDTree(shape.mesh.vertices).query(points)[1])
-            for shape, points in zip(pair[:2], positions, strict=True)
-        )
+        sides = zip(pair[:2], positions, strict=True)
+        on_a, on_b = (np.asarray(KDTree(x.mesh.vertices).query(points)[1]) for x, points in sides)
         return extremities.map_by_vertices(pair.a, pair.b, on_a, on_b, side)
 
     return coarse
@@ -395,10 +393,8 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
     if given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
         rotation = rotation_by_landmarks(*layouts, _on_coarse(given.landmarks, pair))
     else:
-        sphere_a, sphere_b = (
-            SphereFunctions(layout, values.T)
-            for layout, values in zip(layouts, pair.descriptors, strict=True)
-        )
+        sides = zip(layouts, pair.descriptors, strict=True)
+        sphere_a, sphere_b = (SphereFunctions(layout, values.T) for layout, values in sides)
         rotation = rotation_by_functions(sphere_a, sphere_b, pair.weights, is_rough=True)
     if rotation is not None:
         on_a = on_a @ np.diag(mirror) @ rotation.rotation.as_matrix().T
@@ -411,11 +407,9 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
         return nearest(places[1], places[0])
 
     def fine() -> Initial:
-        functions = [
-            shape_values(shape, mesh, values).T
-            for shape, mesh, values in zip(pair[:2], given[:2], pair.descriptors, strict=True)
-        ]
-        full = given._replace(f=functions[0], g=functions[1], weights=pair.weights)
+        sides = zip(pair[:2], given[:2], pair.descriptors, strict=True)
+        f, g = (shape_values(shape, mesh, values).T for shape, mesh, values in sides)
+        full = given._replace(f=f, g=g, weights=pair.weights)
         return map_through_spheres(full, sphere_of(given.a), sphere_of(given.b), side < 0)
 
     yield Start("embedding", side, coarse, fine)
