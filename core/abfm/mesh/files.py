@@ -9,13 +9,7 @@ from abfm.assets import asset_names, asset_path
 from abfm.errors import MeshError, ParameterError, one_line
 from abfm.mesh.objects import MeshLike, contents_of, parts_of
 from abfm.mesh.options import MeshKeywords
-from abfm.mesh.readers.brain import (
-    read_ascii_surface,
-    read_gifti,
-    read_mni_obj,
-    read_quadrangles,
-    read_surface,
-)
+from abfm.mesh.readers import brain
 from abfm.mesh.readers.contents import FileContents, split_polygons
 from abfm.mesh.readers.gltf import read_gltf
 from abfm.mesh.readers.off import read_off
@@ -51,13 +45,13 @@ READERS: Readers[FileContents] = {
     Format.STL: read_stl,
     Format.GLB: read_gltf,
     Format.GLTF: read_gltf,
-    Format.GIFTI: read_gifti,
+    Format.GIFTI: brain.read_gifti,
     Format.VTK_LEGACY: read_vtk,
     Format.VTK_XML: read_vtk,
-    Format.MNI_OBJ: read_mni_obj,
-    Format.FREESURFER_SURFACE: read_surface,
-    Format.FREESURFER_QUADS: read_quadrangles,
-    Format.FREESURFER_ASCII: read_ascii_surface,
+    Format.MNI_OBJ: brain.read_mni_obj,
+    Format.FREESURFER_SURFACE: brain.read_surface,
+    Format.FREESURFER_QUADS: brain.read_quadrangles,
+    Format.FREESURFER_ASCII: brain.read_ascii_surface,
 }
 """The reader of each file format."""
 

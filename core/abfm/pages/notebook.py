@@ -18,17 +18,11 @@ from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.outcome import Facts
+from abfm.pages import result_pages
 from abfm.pages.color_ranges import color_range
 from abfm.pages.front import front_of
 from abfm.pages.html import environment
 from abfm.pages.page import Layer, Page, Panel
-from abfm.pages.result_pages import (
-    correspondence_headline,
-    correspondence_page,
-    match_page,
-    population_page,
-    registration_page,
-)
 from abfm.pages.sequence_pages import Labels, sequence_page
 from abfm.population import Population
 from abfm.registration import Correspondence, Registration
@@ -61,13 +55,13 @@ def page_of(
     """
     title = title or _kind(shown_object)
     if isinstance(shown_object, Match):
-        return match_page(shown_object, title, view, share)
+        return result_pages.match_page(shown_object, title, view, share)
     if isinstance(shown_object, Registration):
-        return registration_page(shown_object, title, view, share)
+        return result_pages.registration_page(shown_object, title, view, share)
     if isinstance(shown_object, Correspondence):
-        return correspondence_page(shown_object, title, view)
+        return result_pages.correspondence_page(shown_object, title, view)
     if isinstance(shown_object, Population):
-        return population_page(shown_object, title, view)
+        return result_pages.population_page(shown_object, title, view)
     if isinstance(shown_object, Sequence):
         labels = Labels(unit_of_time=shown_object.unit_of_time, view=view, share=share)
         return sequence_page(shown_object, title, labels)
@@ -160,7 +154,7 @@ def _verdict(shown_object: Any) -> tuple[str, str]:
     """Return the headline of a result, and the name of the colour that shows its outcome."""
     facts: Facts | None = getattr(shown_object, "facts", None)
     if facts is None:
-        return correspondence_headline(shown_object), "ink"
+        return result_pages.correspondence_headline(shown_object), "ink"
     return facts.headline, facts.tone
 
 

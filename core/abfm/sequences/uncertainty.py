@@ -32,14 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.calculus.operators import (
-    averaging,
-    edge_lengths,
-    face_areas,
-    face_frames,
-    gradient,
-    vertex_areas,
-)
+from abfm.calculus import operators
 from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
@@ -79,7 +72,7 @@ def posterior(sequence: Solution) -> Posterior:
     if not eigenvalues.any():
         return found
     integrals = _Integrals.of(sequence)
-    mesh, areas = sequence.mesh, face_areas(sequence.mesh.normalized())
+    mesh, areas = sequence.mesh, operators.face_areas(sequence.mesh.normalized())
     modes = float(np.einsum("f,ifk->", areas, integrals.modes(eigenvalues)))
     values, energies = _values(sequence) * len(solved), sequence.energies[solved, 1]
     noise = 2 * energies[:, 2].sum() / max(values - modes, _FREE_VALUES_MIN * values)
@@ -116,7 +109,7 @@ def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, Flo
     norm of fields at wave number 0, and averaged over `_length`.
     """
     mesh = sequence.mesh.normalized()
-    areas = vertex_areas(mesh)
+    areas = operators.vertex_areas(mesh)
     tensors = np.empty((len(solved), len(areas), len(_PAIRS)))
     with stepped("uncertainty", solved.tolist()) as intervals:
         for row, i in enumerate(intervals):
@@ -127,7 +120,7 @@ def _data_tensors(sequence: Solution, solved: IntArray) -> tuple[FloatArray, Flo
     length = _length(sequence, mean)
     columns = smoothed(mesh, tensors.transpose(1, 0, 2).reshape(len(areas), -1), length)
     tensors = columns.reshape(len(areas), len(solved), -1).transpose(1, 0, 2)
-    frames = face_frames(mesh)
+    frames = operators.face_frames(mesh)
     eigenvalues = np.empty((len(solved), len(mesh.faces), 2))
     axes = np.empty((*eigenvalues.shape, 2))
     for row, smooth in enumerate(tensors):
@@ -147,7 +140,7 @@ def _slopes(sequence: Solution, interval: int) -> FloatArray:
     independent noise of both frames does not bias the products.
     """
     mesh, frames = sequence.mesh.normalized(), sequence._frames
-    mean, derive = averaging(mesh), gradient(mesh)
+    mean, derive = operators.averaging(mesh), operators.gradient(mesh)
     duration = float(sequence.times[interval + 1] - sequence.times[interval])
     flow = Flow(sequence.mesh, sequence.velocity[interval], duration)
     found = np.zeros((len(mesh.vertices), len(_PAIRS)))
@@ -173,7 +166,7 @@ def _length(sequence: Solution, precision: float) -> float:
     length = _LENGTH_MAX
     if excess > 0:
         length = min(length, float(np.sqrt(parameters.alpha / excess)))
-    return max(length, float(edge_lengths(mesh).mean()))
+    return max(length, float(operators.edge_lengths(mesh).mean()))
 
 
 @dataclass(frozen=True, eq=False)
