@@ -54,20 +54,16 @@ def refinement_text(match: abfm.Match) -> str:
 
 
 def best_text(
-    now: abfm.matching.Iteration,
-    best: abfm.matching.Iteration,
-    others: Iterable[Sequence[abfm.matching.PathStep]],
+    now: abfm.matching.Iteration, others: Iterable[Sequence[abfm.matching.PathStep]]
 ) -> str:
-    """Return ``, best step 14%``: the smallest residual of a step by both checks.
+    """Return ``, best step 14%``, by both checks; empty if the present residual is smaller.
 
-    ``others`` are the steps of other attempts. Before the first step, the residual is that of the
-    ``best`` iterate. The text is empty if the present residual is smaller.
+    ``others`` are the steps of other attempts.
     """
-    steps = [*now.path, *chain.from_iterable(others)]
-    each = (worse_residual(step.residual, step.verified_residual) for step in steps)
-    residual = min(each, default=best.residual)
-    is_better = residual < now.residual and not now.is_of_landmarks
-    return f", best {'step ' if steps else ''}{share(residual)}" if is_better else ""
+    steps = chain(now.path, *others)
+    worse = (worse_residual(step.residual, step.verified_residual) for step in steps)
+    best = min(worse, default=math.inf)
+    return f", best step {share(best)}" if best < now.residual and not now.is_of_landmarks else ""
 
 
 def attempt_text(now: abfm.matching.Iteration) -> str:

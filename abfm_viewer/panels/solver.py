@@ -137,7 +137,7 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     now = snapshot.iteration
     draw_overall(ui, overall, verdict_words.attempt_text(now))
     residual = verdict_words.residual_text(now)
-    best = verdict_words.best_text(now, snapshot.shown, snapshot.others.values())
+    best = verdict_words.best_text(now, snapshot.others.values())
     ui.note(f"Iteration {now.iteration}, {residual}{best}")
     ui.note(capital(overall.detail(_DETAIL_SECONDS) or verdict_words.stage_text(now)))
     if now.warning:

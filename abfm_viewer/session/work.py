@@ -329,10 +329,10 @@ class MatchWork(Work):
     def _unknown(self) -> str:
         """Text of the first function that cannot be evaluated, and why; empty if there is none."""
         errors = ((one.spec, self.parts.functions.error(one)) for one in self.document.functions)
-        spec, error = next(((spec, error) for spec, error in errors if error), ("", ""))
-        if error.startswith("file "):  # the file is also in the spec
-            error = error.partition(": ")[2] or error
-        return f"{spec}: {error}" if error else ""
+        spec, error = next((pair for pair in errors if pair[1]), ("", ""))
+        # an error of a file begins with its name, which is also in the spec
+        reason = error.partition(": ")[2] if error.startswith("file ") else error
+        return f"{spec}: {reason}" if error else ""
 
     @property
     def problem(self) -> ProblemSpec:
