@@ -63,7 +63,7 @@ def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Fac
     topics = Counter(verdict.topic for verdict in verdicts if verdict.kind is outcome)
     return Facts(
         outcome,
-        f"{outcome}: {share} confirmed",
+        f"{'nearly matched' if outcome is Outcome.NEARLY else outcome}: {share} confirmed",
         causes.most_common(1)[0][0] if causes else _CONFIRMED,
         numbers={
             name: float(np.median(known)) if (known := each[np.isfinite(each)]).size else None

@@ -495,6 +495,7 @@ def test_equal_varying_frames_are_matched_without_motion():
     ("outcomes", "outcome", "tone"),
     [
         (["matched", "matched"], "matched", "good"),
+        (["nearly", "nearly"], "nearly", "warning"),
         (["matched", "not reached"], "matched", "warning"),
         (["matched", "registered", "not reached", "impossible"], "matched", "warning"),
         (["nearly", "registered", "registered", "not reached"], "registered", "warning"),
@@ -509,6 +510,9 @@ def test_half_of_the_intervals_decide_the_outcome(outcomes, outcome, tone):
     facts = facts_of_intervals(verdicts, number, unknown, number, np.array(0.8))
     assert (facts.outcome, facts.tone) == (outcome, tone)
     assert facts.outcome.is_good == (tone != "failure")
+    phrase, share = facts.headline.split(": ")
+    assert phrase == {"nearly": "nearly matched"}.get(outcome, outcome)
+    assert share.removesuffix(" confirmed") not in facts.reason  # it is not repeated
     assert facts.numbers == {
         "residual": np.median(number),
         "verified_residual": None,
