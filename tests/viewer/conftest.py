@@ -52,11 +52,11 @@ def _frames_without_pixels():
 
 @pytest.fixture(autouse=True)
 def _few_frames(monkeypatch):
-    """Draw half as many frames as in the app, to leave time for background work.
+    """Draw a third of the frames of the app, to leave time for background work.
 
     Screenshots have one sample per pixel, because smooth ones take 1 s.
     """
-    monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 15)
+    monkeypatch.setattr(window, "_SECONDS_PER_FRAME", 1 / 10)
     monkeypatch.setattr(pacing, "SCREENSHOT_SAMPLES_MAX", 1)
 
 

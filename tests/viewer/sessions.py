@@ -43,7 +43,7 @@ def until(condition, session=None, seconds=30):
         assert time.monotonic() < end, f"the condition was not met within {seconds} s"
         if session:
             session.update()
-        time.sleep(0.002)
+        time.sleep(0.005)
 
 
 def ready(session):

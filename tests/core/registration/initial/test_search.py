@@ -162,7 +162,7 @@ def test_mirror_image_is_found_on_request():
 
 
 def test_spheres_with_equal_faces_may_be_rotated():
-    ball = icosphere(3)
+    ball = icosphere(2)
     weights = np.random.default_rng(3).normal(size=(3, 3))
     f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
     turn = Rotation.from_rotvec([0.3, 0.7, -0.4])
@@ -174,7 +174,7 @@ def test_spheres_with_equal_faces_may_be_rotated():
 
 
 def test_no_search_if_vertex_numbers_are_good(monkeypatch):
-    ball = icosphere(3)
+    ball = icosphere(2)
     f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
     given, directions = MapInput(ball, ball, f, g), (ball.vertices, ball.vertices)
     for mirror in (False, True):
@@ -187,7 +187,7 @@ def test_no_search_if_vertex_numbers_are_good(monkeypatch):
 
 
 def test_spheres_of_both_hemispheres_are_mirrored():
-    ball = icosphere(3)
+    ball = icosphere(2)
     rng = np.random.default_rng(3)
     weights, phases = 3 * rng.normal(size=(3, 8)), rng.uniform(0, 6, 8)
     f = np.cos(ball.vertices @ weights + phases).sum(axis=1)
@@ -197,7 +197,7 @@ def test_spheres_of_both_hemispheres_are_mirrored():
 
 
 def test_mirror_image_with_a_boundary_is_found():
-    body = shapes.five_limbs(300)
+    body = shapes.five_limbs(200)
     upper = body.faces[body.vertices[body.faces, 2].mean(axis=1) > -0.3]
     half = TriangleMesh(body.vertices, upper, largest_component=True)
     other = TriangleMesh(TURN.apply(half.vertices.copy()), half.faces[::-1])
