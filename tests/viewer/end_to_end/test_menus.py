@@ -270,7 +270,7 @@ def change_the_view(gui, tmp_path):
         assert gui.session.view.ui_scale == scale
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
-        assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
+        assert right - left == pytest.approx(min(380 * scale, 0.48 * width))
     take_back(gui)
     assert gui.session.view == before
 
