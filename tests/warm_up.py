@@ -30,7 +30,7 @@ def compile_kernels():
     match = abfm.match(body, *body.vertices.T[:2], _FEW_ITERATIONS)
     flow_lines(body, match.velocity[0], vertex_points(body), 0.1)
     abfm.match(body, *body.vertices.T[:2], _FEW_ITERATIONS.with_values(method="linearised"))
-    abfm.streaks.line_integral_convolution(body, match.velocity[0], size=64, fade=True)
+    abfm.streaks.line_integral_convolution(body, match.velocity[0], size=96, fade=True)
     other = abfm.TriangleMesh(2 * body.vertices, body.faces)
     pairs = [[3, 4], [77, 78], [150, 151], [290, 291]]
     abfm.register(body, other, initial="embedding", landmarks=pairs, parameters=_FEW_ITERATIONS)
