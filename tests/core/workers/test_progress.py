@@ -164,7 +164,7 @@ def test_remaining_time_is_unknown_in_the_first_seconds():
 
 def test_pause_of_a_task_does_not_count(monkeypatch):
     clock = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(progress, "work_time", lambda: clock[0])
     found = Overall()
     clock[0] = 10.0
     found.update(Step("match", began=0.0, after=0.0, expected=20.0))
@@ -179,7 +179,7 @@ def test_pause_of_a_task_does_not_count(monkeypatch):
 def test_compilation_moves_no_estimate(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(progress, "_compilation_seconds", 0.0)
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(progress, "work_time", lambda: clock[0])
     found = Overall()
     with reporting_steps(found.update), phase("match") as report:
         report(20.0, "match")
@@ -216,7 +216,7 @@ def test_remaining_time_includes_later_phases():
 def test_step_of_another_process_keeps_its_age(monkeypatch):
     """Otherwise, each report of a step would restart its clock."""
     clock = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(progress, "work_time", lambda: clock[0])
     sent = pickle.dumps(Step("match", began=60.0, expected=70.0, after=0.0))
     clock[0] = 7.0
     received = pickle.loads(sent)

@@ -16,6 +16,7 @@ from abfm.batch.kinds import KINDS
 from abfm.batch.run import REPORTED_STEPS
 from abfm.errors import ResultError
 from abfm.outcome import Outcome
+from abfm.wording import share
 from abfm.workers.progress import step
 from abfm_viewer import pictures
 from abfm_viewer.cli import batch, main
@@ -144,7 +145,7 @@ def test_all_combinations_of_options_are_solved(abfm, tmp_path, monkeypatch):
     places = [grid.index(each) for each in (*targets, "alpha 0.1", "alpha 0.2")]
     assert places == sorted(places)
     residual = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
-    assert f"{100 * residual:.2g}%" in grid
+    assert share(residual) in grid
     assert "Best" not in text
     specs = f"--source={CLOSE_SPEC} --target={CLOSE_SPEC}"
     line = f"batch eight.off {specs} {FEW_STEPS} --set=iterations=1"

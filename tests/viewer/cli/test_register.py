@@ -220,7 +220,7 @@ def test_map_command_measures_errors_between_surfaces(tmp_path, abfm):
     assert json.loads(abfm("info {t}/c.npz --json").out)["map"]["coverage"] == 1
     for style in ("", "--style sheet"):
         output = abfm(f"render {{t}}/c.npz --out {{t}}/x.png {style}", status=2).err
-        check_message(output, "Correspondence", "abfm info")
+        check_message(output, "correspondence", "abfm info")
     facts = json.loads(abfm("map {t}/c.npz --truth identity --inverse --json").out)
     assert facts["accuracy"]["maximum"] < 1e-9
     assert facts["map"]["coverage"] == 1

@@ -141,7 +141,8 @@ def test_real_window_saves_a_movie(tmp_path):
         advice = "./run test installs it, or apt-get install xvfb xdotool"
         assert shutil.which(program), f"{program} is missing; {advice}"
     movie_path, log = tmp_path / "eight-match.mp4", tmp_path / "log.txt"  # the name it suggests
-    with opened(asset_path("eight.off"), tmp_path) as window:
+    mesh = shutil.copy(asset_path("eight.off"), tmp_path)  # files are saved in its folder
+    with opened(mesh, tmp_path) as window:
         window.click("Skip tour")  # which begins at the first launch
         window.click("Match", "button")  # the button, not the tab
         window.click("Export", "tab")
