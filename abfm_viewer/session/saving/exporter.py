@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import replace
@@ -28,7 +27,7 @@ from abfm.reading import NO_LABEL
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.process import separate_group
-from abfm.workers.progress import Step, reporting_steps
+from abfm.workers.progress import Step, reporting_steps, work_time
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.label_map import LabelMap
@@ -151,7 +150,7 @@ class Exporter:
 
     def _begin(self, export: _Export) -> None:
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
-        self._task, self._began = f"writing {export.path.name}", time.monotonic()
+        self._task, self._began = f"writing {export.path.name}", work_time()
         self.message_subject = export.subject
         self._reported, self._control = None, Control()
 

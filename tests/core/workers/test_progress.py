@@ -179,7 +179,7 @@ def test_pause_of_a_task_does_not_count(monkeypatch):
 def test_compilation_moves_no_estimate(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr(progress, "_compilation_seconds", 0.0)
-    monkeypatch.setattr(progress, "work_time", lambda: clock[0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     found = Overall()
     with reporting_steps(found.update), phase("match") as report:
         report(20.0, "match")

@@ -334,5 +334,5 @@ def test_surfaces_are_drawn_inside_their_slots(scene, layout, size, scale):
         assert not drawn.any()
     end = rect[3] - scene.bars_height + 1e-6
     for slot in scene.view.slots.values():
-        assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2]
+        assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2] + 1e-6
         assert rect[1] <= slot.name[1] <= slot.rect[1] < slot.rect[3] <= end

@@ -195,12 +195,12 @@ def test_damaged_copy_is_reported_once(state, launched):
 
 def draw_half_of_the_time(gui, monkeypatch):
     """Check that the window sleeps as long as it draws while functions are pending."""
-    for waiting_since, rest in ((None, 0.002), (0.0, 0.07)):
+    for waiting_since, rest in ((None, 0.002), (0.0, 0.2)):
         now, slept = [100.0], []
 
         def draw(waiting_since=waiting_since, now=now):
             gui.session.functions.waiting_since = waiting_since
-            now[0] += 0.07
+            now[0] += 0.2
 
         clock = SimpleNamespace(perf_counter=lambda now=now: now[0], sleep=slept.append)
         with monkeypatch.context() as patched:
