@@ -84,7 +84,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
             ps.load_color_map(colormaps.polyscope_name(name), f"{folder}/{name}.png")
         files = [f"{folder}/material {channel}.png" for channel in range(4)]
         for pixels, file in zip(material_pictures(), files, strict=True):
-            Image.fromarray(pixels).save(file)
+            Image.fromarray(pixels).save(file, compress_level=1)
         ps.load_blendable_material(MATERIAL, filenames=files)
 
 

@@ -193,6 +193,11 @@ class TriangleMesh(Display):
             found.update(array.data)
         return found.hexdigest()
 
+    @property
+    def message_name(self) -> str:
+        """Name in messages between processes; equal only for meshes with the same attributes."""
+        return f"{self.digest} {self.structure} {self.file_name}"
+
     @cached_property
     def length_scale(self) -> float:
         """Square root of the total area, the unit of length of the solver."""

@@ -1,7 +1,7 @@
 """Messages between a worker and its subprocess.
 
-Immutable values such as meshes are sent by name, a digest of their content. Each value is sent to a
-process once, and the process never sends it back.
+Immutable values such as meshes are sent by name, which depends on their content. Each value is sent
+to a process once, and the process never sends it back.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _named_types: set[type] = set()
 
 
 def sent_by_name(named: Type) -> Type:
-    """Register an immutable class, as a decorator, so that its ``digest`` is sent as a name."""
+    """Register an immutable class, as a decorator, so that its ``message_name`` is sent."""
     _named_types.add(named)
     return named
 
@@ -46,16 +46,16 @@ class _Pickler(pickle.Pickler):
     def persistent_id(self, value: Any) -> str | None:
         if type(value) not in _named_types:
             return None
-        digest: str = value.digest
-        self.named[digest] = value
-        return digest
+        name: str = value.message_name
+        self.named[name] = value
+        return name
 
 
 class _Unpickler(pickle.Unpickler):
     named: Mapping[str, Any]
 
-    def persistent_load(self, digest: str) -> Any:
-        return self.named[digest]
+    def persistent_load(self, name: str) -> Any:
+        return self.named[name]
 
 
 def pack(value: object, known: Container[str] = ()) -> tuple[Parcel, dict[str, Any]]:

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 import numpy as np
 import pytest
 
-from abfm import FunctionError
+from abfm import FunctionError, TriangleMesh
 from abfm.errors import AbfmWarning
 from abfm.workers import process, threads
 from abfm.workers.control import CancelledError, Control, controlled
@@ -165,15 +165,24 @@ def test_mesh_is_sent_once_and_returned_by_name(worker):
         assert worker.call(jobs.same_mesh, sent).result() == (sent, known)
 
 
+def test_equal_geometries_keep_their_structures():
+    sides = ["CortexLeft", "CortexRight"]
+    sphere = icosphere(1)
+    meshes = [TriangleMesh(sphere.vertices, sphere.faces, structure=side) for side in sides]
+    parcel, _ = pack(meshes)
+    received, _ = parcel.unpack({})
+    assert [mesh.structure for mesh in received] == sides
+
+
 def test_digest_of_a_mesh_depends_on_its_content():
     mesh = icosphere(2)
     again = pickle.loads(pickle.dumps(mesh))
     assert again is not mesh
     assert again.digest == mesh.digest == icosphere(2).digest
     assert mesh.normalized().digest not in (mesh.digest, icosphere(1).digest)
-    parcel, named = pack([mesh, again, 1], [mesh.digest])
+    parcel, named = pack([mesh, again, 1], [mesh.message_name])
     assert len(parcel.content) < 1000
-    assert (list(named), parcel.values) == ([mesh.digest], {})
+    assert (list(named), parcel.values) == ([mesh.message_name], {})
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])

@@ -125,6 +125,8 @@ def test_cortices_are_ready_to_match(samples, monkeypatch):
     # the initial map is the best rotation of the mirror image
     assert np.corrcoef(left, right)[0, 1] > 0.85
     assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
+    fronts = [surface.front.direction for surface in session.document.surfaces]
+    assert fronts == [(-1, 0, 0), (1, 0, 0)]  # both lateral, although the spheres are equal
     paints = samples.window.scene.paints  # all surfaces have the same unit and colours
     assert len({(paint.bar, paint.colors) for paint in paints.values()}) == 1
     on_a = paints["source"].values
