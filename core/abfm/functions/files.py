@@ -41,7 +41,7 @@ class ValuesFile(Family):
         WORD, "for a file of labels: name or key of the label where the function is 1", default=None
     )
     hemisphere: str | None = parameter(
-        choice("L", "R"), "hemisphere in a file of both", default=None
+        choice("L", "R"), "hemisphere in a file of both", default=None, empty="auto"
     )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:

@@ -253,7 +253,7 @@ def open_values_and_vertex_maps(gui, tmp_path):
         gui.choose("hemisphere", hemisphere, within=side)
         assert gui.session.active.spec(side).endswith(f"hemisphere={hemisphere}")
         gui.wait(lambda s, given=f"hemisphere={hemisphere}": given in s.obstacle)
-    gui.choose("hemisphere", "automatic", within=side)
+    gui.choose("hemisphere", "auto", within=side)
     settled(gui)
     gui.click("Browse...", within=side)
     gui.key("escape")
