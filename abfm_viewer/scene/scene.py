@@ -89,7 +89,7 @@ class Scene:
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
-        has_fronts = self.has_fronts()
+        has_fronts = self.choose_fronts()
         # nothing is shown until the front is known, because the surfaces would then turn
         names = view.shown_surfaces if has_fronts else ()
         paints = {name: self.painter.paint(name) for name in names}
@@ -301,7 +301,7 @@ class Scene:
         vertex = int(self._session.surface(name).mesh.faces[face][np.argmax(weights)])
         return Hit(name, Point(face, triple(weights)), vertex)
 
-    def has_fronts(self) -> bool:
+    def choose_fronts(self) -> bool:
         """Choose missing fronts; return False until the functions that determine them are known."""
         session, document = self._session, self._session.document
         if document.surface().front is None:

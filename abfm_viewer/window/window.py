@@ -194,7 +194,7 @@ class Window(Context):
         ps.set_do_default_mouse_interaction(False)
         ps.set_user_callback(self._callback)
         self.scene = Scene(self.shown)
-        self.scene.has_fronts()  # chosen before other threads of the first frame delay it
+        self.scene.choose_fronts()  # before other threads of the first frame delay it
         self.supersampling = Supersampling(backend == opengl.WINDOW)
         self.title = WindowTitle()
         self.gaussian_markers = GaussianMarkers()
